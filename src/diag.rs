@@ -1,0 +1,157 @@
+//! What is wrong and where (`Diagnostic`), and what was repaired or left out on the way (`Report`).
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+pub type Result<T, E = Box<Diagnostic>> = std::result::Result<T, E>;
+
+/// A piece of a text file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Span {
+    pub file: Arc<SourceFile>,
+    /// Bytes.
+    pub range: Range<usize>,
+}
+
+/// A text that diagnostics can point into.
+#[derive(Debug, PartialEq, Eq)]
+pub struct SourceFile {
+    /// As the user would write it.
+    pub name: String,
+    /// Where it was read; empty for text that is no file (`--set`).
+    pub path: PathBuf,
+    pub text: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Severity {
+    Error,
+    Warning,
+}
+
+/// One mistake: a lowercase sentence, its place, the offending value, a hint.
+#[derive(Clone, Debug)]
+pub struct Diagnostic {
+    /// Stable, kebab-case: `unknown-parameter`, `bad-geojson`, ..
+    pub code: &'static str,
+    pub severity: Severity,
+    pub message: String,
+    pub span: Option<Span>,
+    /// The node, where one is to blame.
+    pub node: Option<String>,
+    /// The offending value as the user wrote it.
+    pub value: Option<String>,
+    /// "did you mean ..", the remedy.
+    pub suggestion: Option<String>,
+}
+
+impl Diagnostic {
+    pub fn error(code: &'static str, message: impl Into<String>) -> Box<Self> {
+        Box::new(Self {
+            code,
+            severity: Severity::Error,
+            message: message.into(),
+            span: None,
+            node: None,
+            value: None,
+            suggestion: None,
+        })
+    }
+
+    pub fn at(mut self: Box<Self>, span: Span) -> Box<Self> {
+        self.span = Some(span);
+        self
+    }
+
+    pub fn value(mut self: Box<Self>, value: impl Into<String>) -> Box<Self> {
+        self.value = Some(value.into());
+        self
+    }
+
+    pub fn help(mut self: Box<Self>, suggestion: impl Into<String>) -> Box<Self> {
+        self.suggestion = Some(suggestion.into());
+        self
+    }
+
+    pub fn node(mut self: Box<Self>, node: impl Into<String>) -> Box<Self> {
+        self.node = Some(node.into());
+        self
+    }
+}
+
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(node) = &self.node {
+            write!(f, "node `{node}`: ")?;
+        }
+        write!(f, "{}", self.message)?;
+        if let Some(help) = &self.suggestion {
+            write!(f, " ({help})")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Diagnostic {}
+
+/// One feature that was repaired or rejected.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Note {
+    /// Order in the input (row); notes come out sorted by it.
+    pub row: u64,
+    pub id: String,
+    /// File and line, or whatever finds it in the source.
+    pub place: String,
+    /// Stable sentence: notes are counted by it.
+    pub cause: String,
+}
+
+/// What an operator says beside its result. Stored with it, so that a cached node tells the same things.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Findings {
+    pub warnings: Vec<String>,
+    /// Features left out.
+    pub rejects: Vec<Note>,
+    /// Features changed by a written rule.
+    pub repairs: Vec<Note>,
+    /// Further lines of the summary: counts, tables. Keys are stable and documented.
+    pub facts: BTreeMap<String, Value>,
+}
+
+/// Collects [`Findings`] from any number of threads; what comes out does not depend on their order.
+#[derive(Debug, Default)]
+pub struct Report(Mutex<Findings>);
+
+impl Report {
+    pub fn warn(&self, sentence: impl Into<String>) {
+        self.0.lock().unwrap().warnings.push(sentence.into());
+    }
+
+    pub fn reject(&self, note: Note) {
+        self.0.lock().unwrap().rejects.push(note);
+    }
+
+    pub fn repair(&self, note: Note) {
+        self.0.lock().unwrap().repairs.push(note);
+    }
+
+    pub fn fact(&self, key: &str, value: impl Into<Value>) {
+        self.0.lock().unwrap().facts.insert(key.to_string(), value.into());
+    }
+
+    pub fn finish(self) -> Findings {
+        let mut all = self.0.into_inner().unwrap();
+        all.warnings.sort();
+        all.warnings.dedup();
+        all.rejects.sort();
+        all.repairs.sort();
+        all
+    }
+}

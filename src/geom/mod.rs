@@ -1,0 +1,11 @@
+//! Numbers in, numbers out. Plan geometry is exact: whole millimetres in `i32` (below 2^29), signs in `i64`.
+
+pub mod frame;
+pub mod predicates;
+pub mod ring;
+
+/// A point in the plan, millimetres in the local frame.
+pub type Point = [i32; 2];
+
+/// Largest coordinate of a frame: 2^29 mm, so that doubled areas of triangles fit in `i64`.
+pub const LIMIT_MM: i32 = 1 << 29;

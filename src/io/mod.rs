@@ -1,0 +1,1 @@
+//! Bytes to artifacts and back, in the formats' own words.
