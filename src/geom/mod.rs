@@ -3,6 +3,7 @@
 pub mod frame;
 pub mod predicates;
 pub mod ring;
+pub mod triangulate;
 
 /// A point in the plan, millimetres in the local frame.
 pub type Point = [i32; 2];
