@@ -15,3 +15,5 @@ pub mod op;
 pub mod ops;
 
 pub mod graph;
+
+pub mod cli;

@@ -1,0 +1,44 @@
+//! `lodge check FILE..`: every mistake of the files, without reading data.
+
+use serde_json::json;
+
+use super::{Exit, Globals, Outcome, Set, render};
+use crate::graph::Graph;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Pipeline files
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<std::path::PathBuf>,
+    #[command(flatten)]
+    set: Set,
+}
+
+impl Args {
+    pub fn run(self, globals: &Globals) -> Outcome {
+        let mut wrong = Vec::new();
+        let mut rows = Vec::new();
+        for file in &self.files {
+            match Graph::load(file, &self.set.sets, &crate::ops::ALL) {
+                Ok(graph) => rows.push((file, graph.nodes.len())),
+                Err(mistakes) => wrong.extend(mistakes),
+            }
+        }
+        if globals.json {
+            let files: Vec<_> = rows.iter().map(|(file, nodes)| json!({"file": file, "nodes": nodes})).collect();
+            super::print(&json!({"ok": wrong.is_empty(), "files": files, "diagnostics": render::all_json(&wrong)}));
+        } else {
+            eprint!("{}", render::text(&wrong, render::Style::for_stderr()));
+            if !globals.quiet {
+                for (file, nodes) in rows {
+                    super::say(&format!("{}: {nodes} node{}, no mistake found\n", file.display(), plural(nodes)));
+                }
+            }
+        }
+        Ok(if wrong.is_empty() { Exit::Done } else { Exit::Usage })
+    }
+}
+
+fn plural(n: usize) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}
