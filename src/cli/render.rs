@@ -127,9 +127,7 @@ fn line_at(text: &str, at: usize) -> (usize, usize) {
 
 /// Messages are one line: what a user wrote may hold line breaks and control characters.
 fn one_line(text: &str) -> String {
-    text.chars()
-        .flat_map(|c| if c.is_control() { c.escape_default().collect::<Vec<_>>() } else { vec![c] })
-        .collect()
+    text.chars().flat_map(|c| if c.is_control() { c.escape_default().collect::<Vec<_>>() } else { vec![c] }).collect()
 }
 
 #[cfg(test)]
