@@ -134,3 +134,10 @@ pub fn bounds_m(points: &[[i32; 2]]) -> Value {
     let m = |v: i32| f64::from(v) / 1000.0;
     serde_json::json!([m(low[0]), m(low[1]), m(high[0]), m(high[1])])
 }
+
+impl From<crate::geom::crs::CrsError> for Box<crate::diag::Diagnostic> {
+    fn from(e: crate::geom::crs::CrsError) -> Self {
+        let out = crate::diag::Diagnostic::error("bad-crs", e.message);
+        if e.value.is_empty() { out } else { out.value(e.value) }
+    }
+}

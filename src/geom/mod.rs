@@ -1,7 +1,10 @@
 //! Numbers in, numbers out. Plan geometry is exact: whole millimetres in `i32` (below 2^29), signs in `i64`.
 
+pub mod crs;
 pub mod frame;
 pub mod outer_hull;
+pub mod globe;
+pub mod mercator;
 pub mod predicates;
 pub mod ring;
 pub mod triangulate;
