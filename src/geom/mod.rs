@@ -2,9 +2,9 @@
 
 pub mod crs;
 pub mod frame;
-pub mod outer_hull;
 pub mod globe;
 pub mod mercator;
+pub mod outer_hull;
 pub mod predicates;
 pub mod ring;
 pub mod triangulate;
