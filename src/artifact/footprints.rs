@@ -4,6 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Artifact, Attributes, Kind, Shapes, Strings};
 use crate::geom::frame::Frame;
+use crate::geom::ring::area_m2;
 
 crate::columns! {
     /// n buildings' ground polygons on the millimetre grid of the local frame. Shells are counter-clockwise, holes
@@ -28,6 +29,15 @@ impl Footprints {
     }
     pub fn is_empty(&self) -> bool {
         self.base.is_empty()
+    }
+    /// Height of building `i` above its own ground, metres.
+    pub fn height(&self, i: usize) -> f64 {
+        self.top[i] - self.base[i]
+    }
+    /// Area of building `i` without its courtyards.
+    pub fn area_m2(&self, i: usize) -> f64 {
+        let rings = self.polygons.polygons_of(i).flat_map(|p| self.polygons.rings_of(p));
+        rings.map(|r| area_m2(self.polygons.ring(r))).sum::<f64>().max(0.0)
     }
 }
 

@@ -2,6 +2,9 @@
 
 use crate::op::{Entry, Registry};
 
+pub mod extrude;
+pub mod landmarks;
+
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
-static LIST: &[Entry] = &[];
+static LIST: &[Entry] = &[Entry::of::<extrude::Extrude>(), Entry::of::<landmarks::FindLandmarks>()];
