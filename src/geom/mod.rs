@@ -5,6 +5,7 @@ pub mod crs;
 pub mod frame;
 pub mod globe;
 pub mod mercator;
+pub mod nearest;
 pub mod outer_hull;
 pub mod predicates;
 pub mod ring;

@@ -1,0 +1,131 @@
+//! Buildings as their centres.
+
+use rayon::prelude::*;
+
+use super::join::Sites;
+use crate::artifact::Shapes;
+use crate::geom::Point;
+use crate::geom::nearest::{Bounds, Tree};
+
+/// Centres in the order of a tree's places.
+pub struct Points {
+    at: Vec<Point>,
+    floor: f64,
+}
+
+impl Points {
+    pub fn new(centres: &[Point], floor: f64) -> (Self, Tree) {
+        let boxes: Vec<Bounds> = centres.iter().map(|&p| Bounds { low: p, high: p }).collect();
+        let tree = Tree::new(&boxes);
+        let at = tree.order.iter().map(|&i| centres[i as usize]).collect();
+        (Self { at, floor }, tree)
+    }
+}
+
+impl Sites for Points {
+    type Probe = Point;
+    const EXACT: bool = true;
+    fn len(&self) -> usize {
+        self.at.len()
+    }
+    fn bounds(&self, x: usize) -> Bounds {
+        Bounds { low: self.at[x], high: self.at[x] }
+    }
+    #[inline]
+    fn probe(&self, x: usize) -> Point {
+        self.at[x]
+    }
+    #[inline]
+    fn square_to_box(&self, probe: Point, bounds: &Bounds) -> f64 {
+        bounds.square_to_point(probe)
+    }
+    #[inline]
+    fn square_to(&self, [x, y]: Point, other: usize) -> f64 {
+        let [u, v] = self.at[other];
+        let (dx, dy) = (i64::from(x - u), i64::from(y - v));
+        (dx * dx + dy * dy) as f64
+    }
+    #[inline]
+    fn distance(&self, _: usize, _: usize, square: f64) -> Option<f64> {
+        Some(square.sqrt().max(self.floor))
+    }
+    #[inline]
+    fn same(&self, x: usize, y: usize) -> bool {
+        self.at[x] == self.at[y]
+    }
+    fn floor(&self) -> f64 {
+        self.floor
+    }
+}
+
+/// The centre of each building: the area centroid of its shells, or the mean of their vertices where the area is 0.
+/// Exact, then rounded to the millimetre grid, halves up.
+pub fn centres(polygons: &Shapes<Point>) -> Vec<Point> {
+    (0..polygons.len()).into_par_iter().with_min_len(1024).map(|i| centre(polygons.shells(i))).collect()
+}
+
+fn centre<'a>(shells: impl Iterator<Item = &'a [Point]>) -> Point {
+    // Relative to the first point, so that the numbers stay small; whole millimetres do not touch the rounding.
+    let mut origin = None;
+    let (mut weight, mut area) = ([0i128; 2], 0i128);
+    let (mut sum, mut count) = ([0i128; 2], 0i128);
+    for ring in shells.filter(|ring| !ring.is_empty()) {
+        let o: Point = *origin.get_or_insert(ring[0]);
+        let local = |p: Point| [i64::from(p[0]) - i64::from(o[0]), i64::from(p[1]) - i64::from(o[1])];
+        let mut p = local(ring[ring.len() - 1]);
+        for &q in ring {
+            let q = local(q);
+            let turn = i128::from(p[0]) * i128::from(q[1]) - i128::from(q[0]) * i128::from(p[1]);
+            area += turn;
+            for k in 0..2 {
+                weight[k] += turn * i128::from(p[k] + q[k]);
+                sum[k] += i128::from(q[k]);
+            }
+            count += 1;
+            p = q;
+        }
+    }
+    let Some(origin) = origin else { return [0, 0] };
+    [0, 1].map(|k| {
+        let offset = if area == 0 { round_half_up(sum[k], count) } else { round_half_up(weight[k], 3 * area) };
+        // Self-crossing shells can put it anywhere; the frame's limit holds for all coordinates.
+        let limit = i128::from(crate::geom::LIMIT_MM) - 1;
+        (i128::from(origin[k]) + offset).clamp(-limit, limit) as i32
+    })
+}
+
+/// `a / b` to the nearest whole number, halves up.
+fn round_half_up(a: i128, b: i128) -> i128 {
+    let (a, b) = if b < 0 { (-a, -b) } else { (a, b) };
+    (2 * a + b).div_euclid(2 * b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(ring: &[Point]) -> Point {
+        centre([ring].into_iter())
+    }
+
+    #[test]
+    fn centres_of_area() {
+        assert_eq!(of(&[[0, 0], [10, 0], [10, 4], [0, 4]]), [5, 2]);
+        // An L: 3 squares of side 10.
+        assert_eq!(of(&[[0, 0], [20, 0], [20, 10], [10, 10], [10, 20], [0, 20]]), [8, 8]);
+        // Halves go up, on either side of zero.
+        assert_eq!(of(&[[0, 0], [1, 0], [1, 3], [0, 3]]), [1, 2]);
+        assert_eq!(of(&[[-1, -3], [0, -3], [0, 0], [-1, 0]]), [0, -1]);
+        // Two equal parts.
+        let parts: [&[Point]; 2] = [&[[0, 0], [2, 0], [2, 2], [0, 2]], &[[10, 0], [12, 0], [12, 2], [10, 2]]];
+        assert_eq!(centre(parts.into_iter()), [6, 1]);
+    }
+
+    #[test]
+    fn without_area_the_mean_of_the_vertices() {
+        assert_eq!(of(&[[0, 0], [1, 0], [8, 0]]), [3, 0]);
+        assert_eq!(of(&[[7, 7]]), [7, 7]);
+        let l = crate::geom::LIMIT_MM - 1;
+        assert_eq!(of(&[[-l, -l], [l, -l], [l, l], [-l, l]]), [0, 0]);
+    }
+}
