@@ -1,13 +1,16 @@
 //! The list of operators, alphabetical. One operator, one file, one manual page; two lines here each.
 
-pub mod cluster;
-
 use crate::op::{Entry, Registry};
 
+pub mod cluster;
 pub mod extrude;
 pub mod landmarks;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
-static LIST: &[Entry] = &[Entry::of::<extrude::Extrude>(), Entry::of::<landmarks::FindLandmarks>()];
-static LIST: &[Entry] = &[Entry::of::<cluster::Cluster>()];
+static LIST: &[Entry] = &[
+    // One a line, so that additions merge.
+    Entry::of::<cluster::Cluster>(),
+    Entry::of::<extrude::Extrude>(),
+    Entry::of::<landmarks::FindLandmarks>(),
+];
