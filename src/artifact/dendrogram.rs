@@ -72,6 +72,37 @@ impl Dendrogram {
         }
         (order, first)
     }
+    /// Clusters in postorder, left before right: the subtree of place x is the 2s - 1 places up to x, s its size.
+    pub fn postorder(&self) -> Vec<u32> {
+        let n = self.leaf_count();
+        let mut place = vec![0u32; self.cluster_count()];
+        if let Some(root) = self.root() {
+            place[root as usize] = root;
+        }
+        for merge in (0..self.left.len()).rev() {
+            let (l, r) = (self.left[merge], self.right[merge]);
+            place[r as usize] = place[n + merge] - 1;
+            place[l as usize] = place[n + merge] - 2 * self.size_of(r);
+        }
+        let mut out = vec![0; place.len()];
+        place.iter().enumerate().for_each(|(c, &p)| out[p as usize] = c as u32);
+        out
+    }
+    /// Of each place of the postorder its parent's (`u32::MAX` at the root), and the places of the leaves.
+    pub fn postorder_parents(&self, postorder: &[u32]) -> (Vec<u32>, Vec<u32>) {
+        let mut parent = vec![u32::MAX; postorder.len()];
+        let mut leaves = Vec::with_capacity(self.leaf_count());
+        for (x, &c) in postorder.iter().enumerate() {
+            match self.children(c) {
+                None => leaves.push(x as u32),
+                Some([_, r]) => {
+                    parent[x - 1] = x as u32;
+                    parent[x - 2 * self.size_of(r) as usize] = x as u32;
+                }
+            }
+        }
+        (parent, leaves)
+    }
 }
 
 impl Artifact for Dendrogram {

@@ -12,6 +12,8 @@ pub mod mesh;
 pub mod sections;
 pub mod shapes;
 pub mod tile_tree;
+#[cfg(test)]
+pub mod toy;
 
 crate::json_field!(crate::geom::frame::Frame);
 

@@ -9,6 +9,7 @@ pub mod nearest;
 pub mod outer_hull;
 pub mod predicates;
 pub mod ring;
+pub mod tree_cut;
 pub mod triangulate;
 
 /// A point in the plan, millimetres in the local frame.

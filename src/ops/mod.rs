@@ -3,6 +3,7 @@
 use crate::op::{Entry, Registry};
 
 pub mod cluster;
+pub mod cut;
 pub mod extrude;
 pub mod landmarks;
 
