@@ -80,6 +80,14 @@ impl Diagnostic {
         self
     }
 
+    /// "did you mean `x`?", where there is a near name.
+    pub fn help_nearest(self: Box<Self>, nearest: Option<String>) -> Box<Self> {
+        match nearest {
+            Some(name) => self.help(format!("did you mean `{name}`?")),
+            None => self,
+        }
+    }
+
     pub fn node(mut self: Box<Self>, node: impl Into<String>) -> Box<Self> {
         self.node = Some(node.into());
         self
@@ -100,6 +108,18 @@ impl fmt::Display for Diagnostic {
 }
 
 impl std::error::Error for Diagnostic {}
+
+/// The name nearest to a wrong one, if any is near enough to be meant; of equally near ones the first.
+pub fn did_you_mean<'a>(wrong: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    if wrong.len() > 200 {
+        return None;
+    }
+    let most = (wrong.chars().count() / 3).max(1);
+    let plain = |s: &str| s.to_lowercase().replace('_', "-");
+    let distance = |name: &str| strsim::osa_distance(&plain(wrong), &plain(name));
+    let near = names.into_iter().map(|name| (distance(name), name)).min_by_key(|&(d, _)| d)?;
+    (near.0 <= most).then(|| near.1.to_string())
+}
 
 /// One feature that was repaired or rejected.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

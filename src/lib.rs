@@ -15,5 +15,6 @@ pub mod op;
 pub mod ops;
 
 pub mod graph;
+pub mod spec;
 
 pub mod cli;

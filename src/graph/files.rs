@@ -1,0 +1,148 @@
+//! Which files a node reads, and where it publishes.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::diag::{Diagnostic, Span};
+use crate::spec::{Val, folder_of, why};
+
+/// Files of one `x-file` parameter, in order; globs in byte order, their patterns noted.
+pub fn inputs(
+    name: &str,
+    value: &Val,
+    (files, globs): (&mut Vec<PathBuf>, &mut Vec<PathBuf>),
+    wrong: &mut Vec<Box<Diagnostic>>,
+) {
+    for value in value.list().unwrap_or(std::slice::from_ref(value)) {
+        let Some(text) = value.text() else { continue };
+        let folder = folder_of(&value.origin);
+        let path = folder.join(text);
+        let mut say = |code, sentence: String| {
+            wrong.push(Diagnostic::error(code, sentence).at(value.span.clone()).value(value.written()));
+        };
+        if text.is_empty() {
+            say("missing-file", format!("`{name}` is empty"));
+            continue;
+        }
+        match path.metadata() {
+            Ok(m) if m.is_dir() => say("missing-file", format!("`{name}`: {} is a folder", path.display())),
+            Ok(_) => files.push(path),
+            Err(_) if text.contains(['*', '?', '[']) => {
+                let pattern = pattern(folder, text);
+                match expand(&pattern) {
+                    Ok(found) if found.is_empty() => {
+                        say("missing-file", format!("`{name}`: no file matches {}", path.display()));
+                    }
+                    Ok(found) => files.extend(found),
+                    Err(e) => say("missing-file", format!("`{name}`: {e}")),
+                }
+                globs.push(pattern);
+            }
+            Err(e) => say("missing-file", format!("`{name}`: cannot read {}: {}", path.display(), why(&e))),
+        }
+    }
+}
+
+fn pattern(folder: &Path, text: &str) -> PathBuf {
+    if Path::new(text).is_absolute() {
+        return PathBuf::from(text);
+    }
+    PathBuf::from(glob::Pattern::escape(&folder.to_string_lossy())).join(text)
+}
+
+/// The files that match a pattern of [`Node::globs`](super::Node::globs), by bytes of their paths. `*` stops at `/`
+/// and does not match a leading dot.
+pub fn expand(pattern: &Path) -> Result<Vec<PathBuf>, String> {
+    let options =
+        glob::MatchOptions { case_sensitive: true, require_literal_separator: true, require_literal_leading_dot: true };
+    let paths = glob::glob_with(&pattern.to_string_lossy(), options)
+        .map_err(|e| format!("the pattern {} is broken: {}", pattern.display(), e.msg))?;
+    let mut out = Vec::new();
+    for path in paths {
+        let path = path.map_err(|e| format!("cannot read {}: {}", e.path().display(), why(e.error())))?;
+        if path.is_file() {
+            out.push(path);
+        }
+    }
+    out.sort_by(|a, b| a.as_os_str().as_encoded_bytes().cmp(b.as_os_str().as_encoded_bytes()));
+    Ok(out)
+}
+
+/// A published path in its one form: relative, parts joined by `/`.
+pub fn output(text: &str) -> Result<String, &'static str> {
+    if text.starts_with('/') || Path::new(text).is_absolute() {
+        return Err("must be relative: it lies in the output folder");
+    }
+    if text.contains(|c: char| c.is_control() || c == '\\') {
+        return Err("must not hold control characters or `\\`");
+    }
+    let parts: Vec<_> = text.split('/').filter(|p| !p.is_empty() && *p != ".").collect();
+    if parts.contains(&"..") {
+        return Err("must not leave the output folder");
+    }
+    if parts.is_empty() { Err("names no file") } else { Ok(parts.join("/")) }
+}
+
+/// Something that is published.
+pub struct Published<'a> {
+    pub path: &'a str,
+    /// The node, with and without its variant.
+    pub node: &'a str,
+    pub base: &'a str,
+    pub span: &'a Span,
+}
+
+/// No two nodes may publish the same file, one into the other's folder, or names that differ only in case.
+pub fn clashes(all: &[Published], wrong: &mut Vec<Box<Diagnostic>>) {
+    let mut taken: BTreeMap<String, usize> = BTreeMap::new();
+    let mut said: Vec<(&str, &str)> = Vec::new();
+    for (i, new) in all.iter().enumerate() {
+        let key = new.path.to_lowercase();
+        let above = key.match_indices('/').find_map(|(at, _)| taken.get(&key[..at]));
+        let inside = format!("{key}/");
+        let below = || taken.range(inside.clone()..).next().filter(|(k, _)| k.starts_with(&inside)).map(|(_, i)| i);
+        if let Some(&old) = taken.get(&key).or(above).or_else(below) {
+            let old = &all[old];
+            if said.contains(&(old.base, new.base)) {
+                continue;
+            }
+            said.push((old.base, new.base));
+            let sentence = if old.path == new.path {
+                format!("`{}` and `{}` both publish `{}`", old.node, new.node, new.path)
+            } else if old.path.to_lowercase() == key {
+                format!(
+                    "`{}` publishes `{}` and `{}` publishes `{}`: they differ only in case",
+                    old.node, old.path, new.node, new.path
+                )
+            } else {
+                format!(
+                    "`{}` publishes `{}` and `{}` publishes `{}`: one lies inside the other",
+                    old.node, old.path, new.node, new.path
+                )
+            };
+            let d = Diagnostic::error("same-output", sentence).at(new.span.clone()).node(new.base).value(new.path);
+            let axis =
+                new.node.strip_prefix(new.base).and_then(|v| v.strip_prefix('[')).and_then(|v| v.split('=').next());
+            wrong.push(match axis {
+                Some(axis) if old.base == new.base => d.help(format!("put `${{{axis}}}` in the path")),
+                _ => d,
+            });
+        } else {
+            taken.insert(key, i);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn published_paths_have_one_form() {
+        assert_eq!(output("./a//b.glb"), Ok("a/b.glb".into()));
+        assert_eq!(output("tiles/"), Ok("tiles".into()));
+        for bad in ["", ".", "/a", "../a", "a/../b", "a\\b", "a\nb"] {
+            assert!(output(bad).is_err(), "{bad:?}");
+        }
+    }
+}
