@@ -1,1 +1,4 @@
 //! Bytes to artifacts and back, in the formats' own words.
+
+pub mod gltf;
+pub mod tiles3d;

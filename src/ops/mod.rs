@@ -3,9 +3,9 @@
 use crate::op::{Entry, Registry};
 
 pub mod cluster;
-pub mod cut;
 pub mod extrude;
 pub mod landmarks;
+pub mod write_tileset;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
@@ -14,4 +14,5 @@ static LIST: &[Entry] = &[
     Entry::of::<cluster::Cluster>(),
     Entry::of::<extrude::Extrude>(),
     Entry::of::<landmarks::FindLandmarks>(),
+    Entry::of::<write_tileset::WriteTileset>(),
 ];

@@ -1,0 +1,60 @@
+// Holds every GLB and tileset.json below the folders named against the Khronos validator and the JSON schemas.
+// node validate.mjs SCHEMAS FOLDER..; SCHEMAS may be "" (then only GLBs). Exit 1 where anything is wrong.
+import { createRequire } from 'node:module';
+import { readFileSync, readdirSync, statSync } from 'node:fs';
+import { join, relative } from 'node:path';
+
+// Resolved from the working directory: that is where npm put them.
+const require = createRequire(join(process.cwd(), 'here.js'));
+const validator = require('gltf-validator');
+const Ajv = require('ajv/dist/2020');
+
+const [schemas, ...folders] = process.argv.slice(2);
+const walk = (at) => statSync(at).isDirectory()
+  ? readdirSync(at).sort().flatMap((name) => walk(join(at, name))) : [at];
+
+// Extensions that the validator only knows by name; anything it says beside that is ours.
+const UNKNOWN = new Set(['UNSUPPORTED_EXTENSION', 'UNUSED_OBJECT']);
+let bad = 0;
+const wrong = (file, what) => { if (bad++ < 20) console.log(`${file}: ${what}`); };
+
+let holds = () => {};
+if (schemas) {
+  const ajv = new Ajv({ strict: false, allErrors: true });
+  const all = walk(schemas).filter((f) => f.endsWith('.schema.json'));
+  // Files refer to each other by place.
+  for (const file of all) {
+    const schema = JSON.parse(readFileSync(file, 'utf8'));
+    schema.$id = 'https://schemas/' + relative(schemas, file);
+    ajv.addSchema(schema);
+  }
+  holds = (file, name, data) => {
+    const check = ajv.getSchema('https://schemas/' + name);
+    if (!check(data)) wrong(file, `${name}: ${ajv.errorsText(check.errors)}`);
+  };
+}
+
+const counts = { glb: 0, tilesets: 0 };
+for (const file of folders.flatMap(walk)) {
+  if (file.endsWith('tileset.json')) {
+    counts.tilesets++;
+    holds(file, 'tileset.schema.json', JSON.parse(readFileSync(file, 'utf8')));
+  } else if (file.endsWith('.glb')) {
+    counts.glb++;
+    const bytes = new Uint8Array(readFileSync(file));
+    const report = await validator.validateBytes(bytes, { maxIssues: 20 });
+    for (const m of report.issues.messages) {
+      if (m.severity <= 1 || !UNKNOWN.has(m.code)) wrong(file, `${m.code}: ${m.message} ${m.pointer ?? ''}`);
+    }
+    const size = new DataView(bytes.buffer, bytes.byteOffset).getUint32(12, true);
+    const json = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + size)));
+    const metadata = json.extensions?.EXT_structural_metadata;
+    if (metadata) {
+      holds(file, 'Schema/schema.schema.json', metadata.schema);
+      metadata.propertyTables.forEach((t) => holds(file, 'PropertyTable/propertyTable.schema.json', t));
+    }
+  }
+}
+console.log(`${counts.glb} GLB, ${counts.tilesets} tileset.json: ${bad ? `${bad} complaints` : 'clean'}`
+  + (schemas ? '' : ' (no schemas: tileset.json not checked)'));
+process.exit(bad ? 1 : 0);

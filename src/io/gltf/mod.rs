@@ -1,0 +1,291 @@
+//! GLB: triangles with a feature number on every vertex and a table of the features.
+//!
+//! Out:    glTF 2.0 binary; y up, metres; features by EXT_mesh_features, their table by EXT_structural_metadata,
+//!         normals as normalised bytes by KHR_mesh_quantization. The same parts give the same bytes.
+//! Source: glTF 2.0 sections 3.7 and 4.4, the three extensions' pages.
+
+pub mod table;
+
+use serde_json::{Map, Value, json};
+
+use crate::artifact::{Column, Mesh, Values};
+use crate::diag::Result;
+
+/// Triangles of one material.
+#[derive(Clone, Debug, Default)]
+pub struct Part {
+    /// `"wall"`, `"roof"`, `"ground"`, or what the source calls it.
+    pub name: String,
+    pub vertices: Vec<Vertex>,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// A corner; z up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vertex {
+    pub position: [f32; 3],
+    /// Times 127. Left out of the file where the model has none.
+    pub normal: [i8; 3],
+    pub feature: u32,
+}
+
+/// What becomes of a GLB.
+#[derive(Clone, Debug, Default)]
+pub struct Model<'a> {
+    pub parts: &'a [Part],
+    /// Without normals viewers shade each triangle flat.
+    pub normals: bool,
+    /// Features, numbered from 0.
+    pub features: usize,
+    /// One value for each feature, without gaps.
+    pub own: &'a [Column],
+    /// What the source says of each feature, with gaps.
+    pub attributes: &'a [Column],
+    /// Where the model stands, z up, metres.
+    pub origin: [f64; 3],
+}
+
+/// The model as a file. Parts without triangles are left out; a model without any has a table only.
+pub fn glb(model: &Model) -> Vec<u8> {
+    let mut file = Builder::default();
+    let wide = model.features > 1 << 16;
+    let ids = match model.features {
+        0 => json!({}),
+        n => json!({ "EXT_mesh_features": { "featureIds": [
+            { "featureCount": n, "attribute": 0, "propertyTable": 0 }
+        ] } }),
+    };
+    let mut primitives = Vec::new();
+    let mut materials = Vec::new();
+    for part in model.parts.iter().filter(|p| !p.triangles.is_empty()) {
+        let attributes = file.vertices(part, model.normals, wide);
+        primitives.push(json!({
+            "attributes": attributes,
+            "indices": file.triangles(part),
+            "material": materials.len(),
+            "mode": 4,
+            "extensions": ids,
+        }));
+        materials.push(material(&part.name));
+    }
+    let metadata = table::write(&mut file, model.features, model.own, model.attributes);
+    let mut root = Map::new();
+    root.insert("asset".into(), json!({ "version": "2.0", "generator": "lodge" }));
+    if !primitives.is_empty() {
+        let mut node = json!({ "mesh": 0 });
+        if model.origin != [0.0; 3] {
+            let [x, y, z] = model.origin;
+            node["translation"] = json!([x, z, -y]);
+        }
+        root.insert("scene".into(), json!(0));
+        root.insert("scenes".into(), json!([{ "nodes": [0] }]));
+        root.insert("nodes".into(), json!([node]));
+        root.insert("meshes".into(), json!([{ "primitives": primitives }]));
+        root.insert("materials".into(), json!(materials));
+        root.insert("accessors".into(), json!(file.accessors));
+    }
+    let drawn = !primitives.is_empty();
+    let used: Vec<&str> = [
+        (drawn && model.features > 0, "EXT_mesh_features"),
+        (metadata.is_some(), "EXT_structural_metadata"),
+        (drawn && model.normals, "KHR_mesh_quantization"),
+    ]
+    .into_iter()
+    .filter_map(|(used, name)| used.then_some(name))
+    .collect();
+    if used.last() == Some(&"KHR_mesh_quantization") {
+        root.insert("extensionsRequired".into(), json!(["KHR_mesh_quantization"]));
+    }
+    if !used.is_empty() {
+        root.insert("extensionsUsed".into(), json!(used));
+    }
+    if let Some(metadata) = metadata {
+        root.insert("extensions".into(), json!({ "EXT_structural_metadata": metadata }));
+    }
+    root.insert("bufferViews".into(), json!(file.views));
+    file.finish(root)
+}
+
+/// The parts' quiet colours; roofs lighter than walls, so that blocks read from above.
+fn material(name: &str) -> Value {
+    let colour = match name {
+        "roof" => [0.72, 0.68, 0.62],
+        "ground" => [0.36, 0.36, 0.36],
+        "wall" => [0.52, 0.50, 0.47],
+        _ => [0.60, 0.60, 0.60],
+    };
+    json!({
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [colour[0], colour[1], colour[2], 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0,
+        },
+    })
+}
+
+/// Buffer views and accessors as they come, over one buffer.
+#[derive(Default)]
+pub struct Builder {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Builder {
+    /// A buffer view over what `fill` appends, from a multiple of 8.
+    fn view(&mut self, more: &[(&str, u32)], fill: impl FnOnce(&mut Vec<u8>)) -> usize {
+        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
+        let start = self.bytes.len();
+        fill(&mut self.bytes);
+        let mut view = Map::new();
+        view.insert("buffer".into(), json!(0));
+        view.insert("byteOffset".into(), json!(start));
+        view.insert("byteLength".into(), json!(self.bytes.len() - start));
+        more.iter().for_each(|&(k, v)| _ = view.insert(k.into(), json!(v)));
+        self.views.push(Value::Object(view));
+        self.views.len() - 1
+    }
+
+    /// Corners, interleaved: position (12 bytes), normal (3 and a gap), feature (2 and a gap, or 4).
+    fn vertices(&mut self, part: &Part, normals: bool, wide: bool) -> Value {
+        let stride = if normals { 20 } else { 16 };
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let view = self.view(&[("byteStride", stride), ("target", 34962)], |out| {
+            out.reserve(part.vertices.len() * stride as usize);
+            for v in &part.vertices {
+                let [x, y, z] = v.position;
+                let p = [x, z, 0.0 - y];
+                for k in 0..3 {
+                    low[k] = low[k].min(p[k]);
+                    high[k] = high[k].max(p[k]);
+                }
+                let mut cell = [0u8; 20];
+                cell[..12].copy_from_slice(bytemuck::bytes_of(&p.map(f32::to_bits).map(u32::to_le)));
+                let mut at = 12;
+                if normals {
+                    let [x, y, z] = v.normal;
+                    cell[12..15].copy_from_slice(bytemuck::bytes_of(&[x, z, -y]));
+                    at = 16;
+                }
+                // A u16 in the lower bytes of a u32 is the same u32.
+                let feature = if wide { (v.feature as f32).to_bits() } else { v.feature };
+                cell[at..at + 4].copy_from_slice(&feature.to_le_bytes());
+                out.extend_from_slice(&cell[..at + 4]);
+            }
+        });
+        let count = part.vertices.len();
+        let mut attributes = Map::new();
+        let mut accessor = |name: &str, offset: u32, kind: &str, component: u32, more: &[(&str, Value)]| {
+            let mut a = Map::new();
+            a.insert("bufferView".into(), json!(view));
+            a.insert("byteOffset".into(), json!(offset));
+            a.insert("componentType".into(), json!(component));
+            a.insert("count".into(), json!(count));
+            a.insert("type".into(), json!(kind));
+            more.iter().for_each(|(k, v)| _ = a.insert((*k).into(), v.clone()));
+            attributes.insert(name.into(), json!(self.accessors.len()));
+            self.accessors.push(Value::Object(a));
+        };
+        let exact = |p: [f32; 3]| json!(p.map(f64::from));
+        accessor("POSITION", 0, "VEC3", 5126, &[("min", exact(low)), ("max", exact(high))]);
+        if normals {
+            accessor("NORMAL", 12, "VEC3", 5120, &[("normalized", json!(true))]);
+        }
+        accessor("_FEATURE_ID_0", stride - 4, "SCALAR", if wide { 5126 } else { 5123 }, &[]);
+        Value::Object(attributes)
+    }
+
+    fn triangles(&mut self, part: &Part) -> usize {
+        // 65,535 itself is the restart mark.
+        let narrow = part.vertices.len() <= 65_535;
+        let view = self.view(&[("target", 34963)], |out| {
+            for t in &part.triangles {
+                if narrow {
+                    out.extend_from_slice(bytemuck::bytes_of(&t.map(|i| (i as u16).to_le())));
+                } else {
+                    out.extend_from_slice(bytemuck::bytes_of(&t.map(u32::to_le)));
+                }
+            }
+        });
+        self.accessors.push(json!({
+            "bufferView": view, "byteOffset": 0, "componentType": if narrow { 5123 } else { 5125 },
+            "count": 3 * part.triangles.len(), "type": "SCALAR",
+        }));
+        self.accessors.len() - 1
+    }
+
+    /// Header, JSON, bytes. Both chunks begin and end at multiples of 8, as EXT_structural_metadata wants.
+    fn finish(mut self, mut root: Map<String, Value>) -> Vec<u8> {
+        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
+        if self.bytes.is_empty() {
+            root.remove("bufferViews");
+        } else {
+            root.insert("buffers".into(), json!([{ "byteLength": self.bytes.len() }]));
+        }
+        let mut text = serde_json::to_vec(&root).expect("JSON values can be written");
+        text.resize((20 + text.len()).next_multiple_of(8) - 20, b' ');
+        // The second chunk's own header is 8 bytes long.
+        let total = 20 + text.len() + if self.bytes.is_empty() { 0 } else { 8 + self.bytes.len() };
+        let mut out = Vec::with_capacity(total);
+        let word = |out: &mut Vec<u8>, v: usize| out.extend_from_slice(&(v as u32).to_le_bytes());
+        out.extend_from_slice(b"glTF");
+        word(&mut out, 2);
+        word(&mut out, total);
+        word(&mut out, text.len());
+        out.extend_from_slice(b"JSON");
+        out.extend_from_slice(&text);
+        if !self.bytes.is_empty() {
+            word(&mut out, self.bytes.len());
+            out.extend_from_slice(b"BIN\0");
+            out.extend_from_slice(&self.bytes);
+        }
+        out
+    }
+}
+
+/// A mesh as one GLB: a primitive for each of its parts, the features' ids as `id`, their attributes beside them.
+/// Vertices stay shared (no normals), so that what is watertight stays so. Positions are kept relative to the middle
+/// of the mesh in whole kilometres; the node's translation puts them back.
+pub fn mesh(mesh: &Mesh) -> Result<Vec<u8>> {
+    let (low, high) = bounds(&mesh.positions);
+    let origin = if mesh.positions.is_empty() {
+        [0.0; 3]
+    } else {
+        [0, 1, 2].map(|k| ((low[k] + high[k]) / 2000.0).round() * 1000.0)
+    };
+    let vertex = |i: u32| {
+        let p = mesh.positions[i as usize];
+        Vertex {
+            position: [0, 1, 2].map(|k| (p[k] - origin[k]) as f32),
+            normal: [0; 3],
+            feature: mesh.features[i as usize],
+        }
+    };
+    let mut place = vec![u32::MAX; mesh.positions.len()];
+    let mut parts = Vec::new();
+    for primitive in &mesh.primitives {
+        let mut part = Part { name: primitive.name.clone(), ..Part::default() };
+        let first = primitive.first_triangle as usize;
+        place.fill(u32::MAX);
+        for t in &mesh.triangles[first..first + primitive.triangles as usize] {
+            part.triangles.push(t.map(|i| {
+                if place[i as usize] == u32::MAX {
+                    place[i as usize] = part.vertices.len() as u32;
+                    part.vertices.push(vertex(i));
+                }
+                place[i as usize]
+            }));
+        }
+        parts.push(part);
+    }
+    let features = mesh.feature_ids.len();
+    let ids = Values::Text(mesh.feature_ids.clone());
+    let own = [Column { name: "id".into(), values: ids, present: vec![true; features] }];
+    let attributes = &mesh.attributes.columns;
+    Ok(glb(&Model { parts: &parts, normals: false, features, own: &own, attributes, origin }))
+}
+
+fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+    points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(l, h), p| {
+        ([0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k])))
+    })
+}

@@ -1,0 +1,104 @@
+//! Tilesets on disk against the rules that they must hold to.
+
+mod check;
+mod toy;
+
+use std::sync::Arc;
+
+use check::{Published, check, publish};
+use lodge::artifact::TileTree;
+use lodge::geom::frame::{Frame, Projection};
+use lodge::op::{Bench, Op};
+use lodge::ops::write_tileset::{In, WriteTileset};
+
+fn write(tree: &TileTree, height_offset: f64) -> (Published, Vec<String>) {
+    let bench = Bench::default();
+    let op = WriteTileset { path: "tiles".into(), height_offset };
+    let files = op.run(&bench.ctx(), In { tree: Arc::new(tree.clone()) }).unwrap();
+    (publish(&files, &bench.blobs), bench.report.finish().warnings)
+}
+
+/// Kept below `target/tmp/tilesets`, where `.ci/validate.sh` looks for them.
+fn keep(name: &str, published: &Published) {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("tilesets").join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    for (path, bytes) in published {
+        let path = folder.join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+}
+
+fn tokyo() -> Frame {
+    Frame { crs: "OGC:CRS84".into(), projection: Projection::TransverseMercator { origin: [139.65, 35.65] } }
+}
+
+fn delft() -> Frame {
+    Frame { crs: "EPSG:28992".into(), projection: Projection::Projected { origin: [85_000.0, 447_000.0] } }
+}
+
+#[test]
+fn holds_to_the_rules() {
+    for frame in [tokyo(), delft()] {
+        let tree = toy::town(frame, [0, 0]);
+        let (published, warnings) = write(&tree, 0.0);
+        assert!(warnings.is_empty(), "{warnings:?}");
+        let globe = tree.frame.globe().unwrap().unwrap();
+        let seen = check(&published, &tree, &|p| globe.ecef(p));
+        assert_eq!((seen.tiles, seen.leaves, seen.buildings), (7, 4, 256));
+        assert!(seen.worst_position < 1e-3, "{seen:?}");
+        keep(&format!("toy-{}", tree.frame.crs.replace(':', "-")), &published);
+    }
+}
+
+#[test]
+fn height_offset_lifts_on_the_globe() {
+    let tree = toy::town(tokyo(), [40_000_000, 3_000_000]);
+    let (published, _) = write(&tree, 36.7);
+    let globe = tree.frame.globe().unwrap().unwrap();
+    let seen = check(&published, &tree, &|[x, y, z]| globe.ecef([x, y, z + 36.7]));
+    assert!(seen.worst_position < 1e-3, "{seen:?}");
+}
+
+#[test]
+fn without_a_system_local_with_one_warning() {
+    let tree = toy::town(Frame::local(), [0, 0]);
+    let (published, warnings) = write(&tree, 2.0);
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    check(&published, &tree, &|[x, y, z]| [x, y, z + 2.0]);
+    keep("toy-local", &published);
+}
+
+#[test]
+fn national_heights_are_warned_of() {
+    let frame = Frame { crs: "EPSG:7415".into(), ..delft() };
+    assert_eq!(write(&toy::town(frame.clone(), [0, 0]), 0.0).1.len(), 1);
+    assert_eq!(write(&toy::town(frame, [0, 0]), 43.0).1.len(), 0);
+}
+
+#[test]
+fn the_same_bytes_and_few_changes() {
+    let tree = toy::town(tokyo(), [0, 0]);
+    let (a, _) = write(&tree, 0.0);
+    assert_eq!(a, write(&tree, 0.0).0);
+    // One building higher: its leaf and what stands above it.
+    let mut edited = tree.clone();
+    let f = edited.tile_features[4] as usize + 3;
+    edited.top[f] += 1.0;
+    let (b, _) = write(&edited, 0.0);
+    let gone: Vec<&String> = a.keys().filter(|k| !b.contains_key(*k)).collect();
+    assert_eq!(gone.len(), 2, "a leaf's content and its ids: {gone:?}");
+    // A building less in the order before it moves ranges of the whole, not of other tiles.
+    let moved = toy::town(tokyo(), [8_000_000, 0]);
+    let c = write(&moved, 0.0).0;
+    assert_ne!(a["tileset.json"], c["tileset.json"]);
+}
+
+#[test]
+fn one_building() {
+    let tree = toy::one(tokyo());
+    let (published, _) = write(&tree, 0.0);
+    let globe = tree.frame.globe().unwrap().unwrap();
+    let seen = check(&published, &tree, &|p| globe.ecef(p));
+    assert_eq!((seen.tiles, seen.triangles), (1, 10));
+}
