@@ -11,6 +11,7 @@ pub mod lines;
 pub mod mesh;
 pub mod sections;
 pub mod shapes;
+pub mod table;
 pub mod tile_tree;
 #[cfg(test)]
 pub mod toy;
@@ -32,6 +33,7 @@ pub use landmarks::Landmarks;
 pub use lines::Lines;
 pub use mesh::Mesh;
 pub use shapes::Shapes;
+pub use table::{Cell, Table};
 pub use tile_tree::TileTree;
 
 use crate::diag::Result;

@@ -58,6 +58,17 @@ impl<P: Copy> Shapes<P> {
     pub fn end_shape(&mut self) {
         self.shapes.push(self.polygons.len() as u32 - 1);
     }
+    /// Appends all shapes of `other`.
+    pub fn append(&mut self, other: &Self) {
+        let moved = |to: &mut Vec<u32>, from: &[u32]| {
+            let by = to[to.len() - 1];
+            to.extend(from[1..].iter().map(|v| v + by));
+        };
+        moved(&mut self.shapes, &other.shapes);
+        moved(&mut self.polygons, &other.polygons);
+        moved(&mut self.rings, &other.rings);
+        self.points.extend_from_slice(&other.points);
+    }
     /// Appends shape `i` of `other`.
     pub fn push_from(&mut self, other: &Self, i: usize) {
         for p in other.polygons_of(i) {

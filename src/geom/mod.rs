@@ -9,6 +9,7 @@ pub mod mercator;
 pub mod nearest;
 pub mod outer_hull;
 pub mod predicates;
+pub mod repair;
 pub mod ring;
 pub mod tree_cut;
 pub mod triangulate;

@@ -2,3 +2,9 @@
 
 pub mod gltf;
 pub mod tiles3d;
+pub mod geojson;
+pub mod json;
+pub mod ledger;
+pub mod pick;
+pub mod place;
+pub mod stream;

@@ -6,6 +6,7 @@ pub mod cluster;
 pub mod extrude;
 pub mod landmarks;
 pub mod write_tileset;
+pub mod read_geojson;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
@@ -15,4 +16,5 @@ static LIST: &[Entry] = &[
     Entry::of::<extrude::Extrude>(),
     Entry::of::<landmarks::FindLandmarks>(),
     Entry::of::<write_tileset::WriteTileset>(),
+    Entry::of::<read_geojson::ReadGeojson>(),
 ];

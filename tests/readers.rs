@@ -1,0 +1,59 @@
+//! The readers on real data (`LODGE_DATA`), and on the bad input that they must survive.
+
+use std::path::PathBuf;
+
+use lodge::artifact::Footprints;
+use lodge::diag::{Findings, Result};
+use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::ops::read_geojson::ReadGeojson;
+
+/// Runs a reader on files in memory, with parameters as TOML.
+fn read<O: Op>(params: &str, files: &[(&str, Vec<u8>)]) -> (Result<O::Out>, Findings) {
+    let mut bench = Bench::default();
+    bench.sources = files.iter().map(|(name, bytes)| Source::of_bytes(name, bytes.clone())).collect();
+    let op: O = toml::from_str(params).unwrap();
+    let out = op.run(&bench.ctx(), O::In::take(Vec::new()));
+    (out, bench.report.finish())
+}
+
+/// A file of the real data, if there is any.
+fn data(path: &str) -> Option<(&str, Vec<u8>)> {
+    let Some(folder) = std::env::var_os("LODGE_DATA") else {
+        println!("skipped: LODGE_DATA is not set");
+        return None;
+    };
+    Some((path, std::fs::read(PathBuf::from(folder).join(path)).unwrap()))
+}
+
+fn counts(f: &Findings) -> [u64; 4] {
+    let [read, accepted, rejected, filtered] =
+        ["read", "accepted", "rejected", "filtered"].map(|k| f.facts[k].as_u64().unwrap());
+    assert_eq!(read, accepted + rejected + filtered);
+    assert_eq!(rejected, f.rejects.len() as u64);
+    [read, accepted, rejected, filtered]
+}
+
+#[test]
+fn every_building_of_the_real_files() {
+    for (file, params, expected) in [
+        ("tokyo_setagaya", "", [127_212, 127_212, 0, 0]),
+        ("tokyo_centre", "", [18_718, 18_718, 0, 0]),
+        ("boston_z13_footprints", "", [19_316, 19_316, 0, 0]),
+        ("liechtenstein_osm", "where.layer = 'building'", [0, 8_994, 0, 0]),
+        ("monaco_osm", "where.layer = 'building'", [0, 1_207, 0, 0]),
+        ("helsinki_osm", "where.layer = 'building'", [0, 446, 0, 0]),
+        ("andorra_osm", "where.layer = 'building'", [0, 292, 0, 0]),
+    ] {
+        let path = format!("buildings/{file}.geojson.gz");
+        let Some(file) = data(&path) else { return };
+        let (out, findings) = read::<ReadGeojson>(params, &[file]);
+        let out: Footprints = out.unwrap();
+        let [read, accepted, rejected, filtered] = counts(&findings);
+        println!("{path}: {read} {accepted} {rejected} {filtered} {:?}", findings.facts);
+        assert_eq!((accepted, rejected), (expected[1], expected[2]), "{path}: {:?}", findings.rejects);
+        assert_eq!(out.len() as u64, accepted);
+        if expected[0] > 0 {
+            assert_eq!(read, expected[0]);
+        }
+    }
+}
