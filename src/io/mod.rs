@@ -1,10 +1,10 @@
 //! Bytes to artifacts and back, in the formats' own words.
 
-pub mod gltf;
-pub mod tiles3d;
 pub mod geojson;
+pub mod gltf;
 pub mod json;
 pub mod ledger;
 pub mod pick;
 pub mod place;
 pub mod stream;
+pub mod tiles3d;

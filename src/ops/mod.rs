@@ -5,8 +5,8 @@ use crate::op::{Entry, Registry};
 pub mod cluster;
 pub mod extrude;
 pub mod landmarks;
-pub mod write_tileset;
 pub mod read_geojson;
+pub mod write_tileset;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
