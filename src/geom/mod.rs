@@ -7,12 +7,19 @@ pub mod frame;
 pub mod globe;
 pub mod mercator;
 pub mod nearest;
+pub mod distinct;
+pub mod erode;
+pub mod frame;
+pub mod merge_rings;
 pub mod outer_hull;
+pub mod overlaps;
 pub mod predicates;
 pub mod repair;
 pub mod ring;
 pub mod tree_cut;
+pub mod segments;
 pub mod triangulate;
+pub mod union_area;
 
 /// A point in the plan, millimetres in the local frame.
 pub type Point = [i32; 2];

@@ -19,6 +19,13 @@ pub fn simplify(ring: &[Point], target_edges: usize) -> Vec<Point> {
     kept.iter().map(|&i| ring[i as usize]).collect()
 }
 
+/// How many edges a ring keeps: a share of `of` edges, at least another of its `own`, rounded up.
+pub fn target(keep: f64, of: u32, floor: f64, own: u32) -> usize {
+    // A share that is whole but for rounding is whole.
+    let share = |part: f64, edges: u32| (part * f64::from(edges) - 1e-9).ceil() as usize;
+    share(keep, of).max(share(floor, own))
+}
+
 /// As [`simplify`]: the places of the vertices that stay, ascending. Ties are broken by smaller `ids`.
 pub fn keep(ring: &[Point], ids: &[u32], target_edges: usize, kept: &mut Vec<u32>) {
     kept.clear();

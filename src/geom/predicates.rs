@@ -31,6 +31,12 @@ pub fn segments_meet(a: Point, b: Point, c: Point, d: Point) -> bool {
     o1 * o2 <= 0 && o3 * o4 <= 0
 }
 
+/// True where the open segments cross in one point that is an end of neither.
+pub fn segments_cross(a: Point, b: Point, c: Point, d: Point) -> bool {
+    let (o1, o2) = (orient(a, b, c).signum(), orient(a, b, d).signum());
+    o1 * o2 < 0 && orient(c, d, a).signum() * orient(c, d, b).signum() < 0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -15,6 +15,13 @@ pub fn area_m2(ring: &[Point]) -> f64 {
     doubled_area(ring) as f64 / 2e6
 }
 
+/// Number of edges once vertices on a straight line between their neighbours are gone.
+pub fn edges_without_collinear(ring: &[Point]) -> usize {
+    let n = ring.len();
+    let at = |i: usize| ring[if i >= n { i - n } else { i }];
+    (0..n).filter(|&i| orient(at(i + n - 1), at(i), at(i + 1)) != 0).count()
+}
+
 /// The convex ring around points: counter-clockwise from the lowest of the leftmost, without collinear vertices.
 /// Fewer than three points where they all lie on a line.
 pub fn convex_hull(points: &[Point]) -> Vec<Point> {
