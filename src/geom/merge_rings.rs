@@ -11,7 +11,8 @@
 
 use super::Point;
 use super::erode::erode;
-use super::predicates::{on_segment, orient, segments_cross, segments_meet};
+use super::predicates::{on_segment, orient, segments_meet};
+use super::ring::contains;
 use super::segments::{Rect, Segment, near_pairs};
 
 /// A ring's vertex: where, and its number among all.
@@ -28,10 +29,11 @@ const CLEAR: usize = 16;
 pub fn merge(r: &[Vertex], s: &[Vertex]) -> Vec<Vertex> {
     let (rect_r, rect_s) = (Rect::of(r.iter().map(|v| v.at)), Rect::of(s.iter().map(|v| v.at)));
     let touching = rect_r.meets(&rect_s) && in_contact(r, s, &rect_r.intersection(&rect_s));
-    if rect_r.contains(&rect_s) && is_inside(s, r, touching) {
+    let points = |ring: &[Vertex]| -> Vec<Point> { ring.iter().map(|v| v.at).collect() };
+    if rect_r.contains(&rect_s) && contains(&points(r), &points(s)) {
         return r.to_vec();
     }
-    if rect_s.contains(&rect_r) && is_inside(r, s, touching) {
+    if rect_s.contains(&rect_r) && contains(&points(s), &points(r)) {
         return s.to_vec();
     }
     if !touching && let Some(ring) = connect(r, s, &rect_r, &rect_s) {
@@ -55,66 +57,6 @@ fn in_contact(r: &[Vertex], s: &[Vertex], rect: &Rect) -> bool {
         let ([a, b], [c, d]) = (a[i as usize], b[j as usize]);
         segments_meet(a, b, c, d)
     })
-}
-
-/// True where `s` lies in the closed region of `r`. Cheap where they are not in contact.
-fn is_inside(s: &[Vertex], r: &[Vertex], touching: bool) -> bool {
-    let doubled = |p: Point| p.map(|c| 2 * i64::from(c));
-    if !touching {
-        return side(r, doubled(s[0].at)) != Side::Out;
-    }
-    if s.iter().any(|v| side(r, doubled(v.at)) == Side::Out) {
-        return false;
-    }
-    // Between two places where an edge of `s` touches the outline it is in, on or out as a whole.
-    (0..s.len()).all(|i| {
-        let [a, b] = pair(s, i);
-        let span = Rect::of([a, b]);
-        let mut stops = vec![a, b];
-        for j in 0..r.len() {
-            let [c, d] = pair(r, j);
-            if span.meets_segment(c, d) {
-                if segments_cross(a, b, c, d) {
-                    return false;
-                }
-                if on_segment(a, b, c) {
-                    stops.push(c);
-                }
-            }
-        }
-        let far = |p: &Point| (i64::from(p[0]) - i64::from(a[0])).abs() + (i64::from(p[1]) - i64::from(a[1])).abs();
-        stops.sort_by_key(far);
-        stops.windows(2).all(|w| {
-            let middle = [0, 1].map(|k| i64::from(w[0][k]) + i64::from(w[1][k]));
-            side(r, middle) != Side::Out
-        })
-    })
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Side {
-    In,
-    On,
-    Out,
-}
-
-/// Where a point in half millimetres lies. Exact.
-fn side(ring: &[Vertex], p: [i64; 2]) -> Side {
-    let mut inside = false;
-    for i in 0..ring.len() {
-        let [a, b] = pair(ring, i).map(|q| q.map(|c| 2 * i64::from(c)));
-        if (a[1] > p[1] && b[1] > p[1]) || (a[1] < p[1] && b[1] < p[1]) || (a[0] < p[0] && b[0] < p[0]) {
-            continue;
-        }
-        let turn = i128::from(b[0] - a[0]) * i128::from(p[1] - a[1]) - i128::from(b[1] - a[1]) * i128::from(p[0] - a[0]);
-        if turn == 0 && a[0].min(b[0]) <= p[0] && p[0] <= a[0].max(b[0]) {
-            return Side::On;
-        }
-        if (a[1] > p[1]) != (b[1] > p[1]) && (turn > 0) == (b[1] > a[1]) {
-            inside = !inside;
-        }
-    }
-    if inside { Side::In } else { Side::Out }
 }
 
 /// A candidate connection: squared length, vertex of R, vertex of S (places).

@@ -3,21 +3,20 @@
 pub mod bounds;
 pub mod chart;
 pub mod crs;
-pub mod frame;
-pub mod globe;
-pub mod mercator;
-pub mod nearest;
 pub mod distinct;
 pub mod erode;
 pub mod frame;
+pub mod globe;
+pub mod mercator;
 pub mod merge_rings;
+pub mod nearest;
 pub mod outer_hull;
 pub mod overlaps;
 pub mod predicates;
 pub mod repair;
 pub mod ring;
-pub mod tree_cut;
 pub mod segments;
+pub mod tree_cut;
 pub mod triangulate;
 pub mod union_area;
 

@@ -1,7 +1,8 @@
 //! Rings: open lists of points, the first not repeated.
 
 use super::Point;
-use super::predicates::orient;
+use super::predicates::{on_segment, orient, segments_cross};
+use super::segments::{Rect, Segment, edges, near_pairs};
 
 /// Twice the signed area: positive for counter-clockwise. Exact.
 pub fn doubled_area(ring: &[Point]) -> i64 {
@@ -51,6 +52,75 @@ pub fn convex_hull(points: &[Point]) -> Vec<Point> {
     hull
 }
 
+/// Where a point lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    In,
+    On,
+    Out,
+}
+
+/// Where `p`, in *half* millimetres, lies of a ring. Exact.
+pub fn side(ring: &[Point], p: [i64; 2]) -> Side {
+    let mut inside = false;
+    for [a, b] in edges(ring) {
+        let [a, b] = [a, b].map(|q| q.map(|c| 2 * i64::from(c)));
+        if (a[1] > p[1] && b[1] > p[1]) || (a[1] < p[1] && b[1] < p[1]) || (a[0] < p[0] && b[0] < p[0]) {
+            continue;
+        }
+        let product = |u: i64, v: i64| i128::from(u) * i128::from(v);
+        let turn = product(b[0] - a[0], p[1] - a[1]) - product(b[1] - a[1], p[0] - a[0]);
+        if turn == 0 && a[0].min(b[0]) <= p[0] && p[0] <= a[0].max(b[0]) {
+            return Side::On;
+        }
+        if (a[1] > p[1]) != (b[1] > p[1]) && (turn > 0) == (b[1] > a[1]) {
+            inside = !inside;
+        }
+    }
+    if inside { Side::In } else { Side::Out }
+}
+
+/// True where the closed region of simple `inner` lies in that of simple `outer`; touching is allowed. Exact.
+/// All vertices and edge midpoints inside are not enough: an edge may lie over the mouth of a notch.
+pub fn contains(outer: &[Point], inner: &[Point]) -> bool {
+    let (all, mine): (Vec<Segment>, Vec<Segment>) = (edges(outer).collect(), edges(inner).collect());
+    // Between two places where an edge touches the outline it is in, on or out as a whole.
+    let mut stops: Vec<(u32, Point)> = mine.iter().enumerate().map(|(i, e)| (i as u32, e[1])).collect();
+    let mut touching = false;
+    let crossing = near_pairs(&mine, &all, |i, j| {
+        let ([a, b], [c, d]) = (mine[i as usize], all[j as usize]);
+        for p in [c, d].into_iter().filter(|&p| on_segment(a, b, p)) {
+            stops.push((i, p));
+        }
+        touching |= on_segment(a, b, c) || on_segment(c, d, a);
+        segments_cross(a, b, c, d)
+    });
+    let within = |p: [i64; 2]| side(outer, p) != Side::Out;
+    if crossing || outer.len() < 3 {
+        return false;
+    }
+    if !touching {
+        return inner.first().is_none_or(|p| within(p.map(|c| 2 * i64::from(c))));
+    }
+    let rect = Rect::of(outer.iter().copied());
+    let far = |i: u32, p: Point| {
+        let [a, _] = mine[i as usize];
+        (0..2).map(|k| (i64::from(p[k]) - i64::from(a[k])).abs()).sum::<i64>()
+    };
+    stops.sort_by_key(|&(i, p)| (i, far(i, p)));
+    stops.dedup();
+    let mut from = None;
+    inner.iter().all(|&p| rect.holds(p))
+        && stops.iter().all(|&(i, p)| {
+            let start = match from {
+                Some((edge, last)) if edge == i => last,
+                _ => mine[i as usize][0],
+            };
+            from = Some((i, p));
+            start == p || within([0, 1].map(|k| i64::from(start[k]) + i64::from(p[k])))
+        })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -60,6 +130,20 @@ mod tests {
         assert_eq!(area_m2(&[[0, 0], [2000, 0], [2000, 1000], [0, 1000]]), 2.0);
         assert_eq!(area_m2(&[[0, 0], [0, 1000], [2000, 1000], [2000, 0]]), -2.0);
         assert_eq!(doubled_area(&[]), 0);
+    }
+
+    #[test]
+    fn one_in_another() {
+        let notched = [[0, 0], [9, 0], [9, 9], [6, 9], [6, 3], [3, 3], [3, 9], [0, 9]];
+        let lid = [[0, 5], [9, 5], [9, 9], [0, 9]];
+        assert!(contains(&notched, &notched));
+        assert!(contains(&notched, &[[0, 0], [9, 0], [6, 3], [3, 3]]));
+        assert!(!contains(&notched, &lid));
+        assert!(!contains(&notched, &[[4, 5], [5, 5], [5, 6]]));
+        assert!(!contains(&[[4, 5], [5, 5], [5, 6]], &notched));
+        assert_eq!(side(&notched, [9, 6]), Side::On);
+        assert_eq!(side(&notched, [9, 7]), Side::Out);
+        assert_eq!(side(&notched, [5, 7]), Side::In);
     }
 
     #[test]

@@ -445,3 +445,219 @@ fn medians(out: &mut [f64], tree: &Dendrogram, order: &[u32], first: &[u32], wei
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::artifact::{Attributes, Shapes, Strings};
+    use crate::geom::frame::Frame;
+    use crate::geom::ring::{contains, convex_hull, doubled_area};
+
+    /// Buildings of one ring each, as high as their number.
+    fn town(shells: &[Vec<Point>]) -> Footprints {
+        let mut polygons = Shapes::default();
+        for shell in shells {
+            polygons.push_ring(shell);
+            polygons.end_polygon();
+            polygons.end_shape();
+        }
+        Footprints {
+            frame: Frame::local(),
+            ids: (0..shells.len()).map(|i| format!("b{i}")).collect::<Strings>(),
+            polygons,
+            base: vec![1.0; shells.len()],
+            top: (0..shells.len()).map(|i| 2.0 + i as f64).collect(),
+            attributes: Attributes::default(),
+        }
+    }
+
+    /// A tree by halving at the median, along x and y in turns.
+    fn bisect(footprints: &Footprints) -> Dendrogram {
+        fn halve(mut all: Vec<(u32, Point)>, axis: usize, n: u32, out: &mut Dendrogram) -> (u32, u32) {
+            if all.len() == 1 {
+                return (all[0].0, 1);
+            }
+            all.sort_by_key(|a| (a.1[axis], a.1[1 - axis], a.0));
+            let right = all.split_off(all.len() / 2);
+            let (l, a) = halve(all, 1 - axis, n, out);
+            let (r, b) = halve(right, 1 - axis, n, out);
+            out.left.push(l);
+            out.right.push(r);
+            out.size.push(a + b);
+            (n + out.left.len() as u32 - 1, a + b)
+        }
+        let n = footprints.len() as u32;
+        let mut out = Dendrogram { leaves: vec![n], ..Dendrogram::default() };
+        let centre = |i: usize| {
+            let ring = footprints.polygons.ring(footprints.polygons.rings_of(footprints.polygons.polygons_of(i).start).start);
+            ring.first().copied().unwrap_or([0, 0])
+        };
+        halve((0..n).map(|i| (i, centre(i as usize))).collect(), 0, n, &mut out);
+        let merges = out.left.len();
+        out.distance = vec![1.0; merges];
+        out.cost = vec![1.0; merges];
+        out.crosses_barrier = vec![false; merges];
+        out
+    }
+
+    struct Random(u64);
+    impl Random {
+        fn below(&mut self, n: i32) -> i32 {
+            self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            ((self.0 >> 33) % n as u64) as i32
+        }
+    }
+
+    /// Boxes, L-shapes, slanted boxes on a coarse grid (so that they touch, overlap, nest and repeat) and crossed ones.
+    fn random_town(seed: u64, n: usize) -> Vec<Vec<Point>> {
+        let mut r = Random(seed);
+        let width = 20 * (n as f64).sqrt() as i32 + 10;
+        (0..n)
+            .map(|_| {
+                let (x, y) = (r.below(width), r.below(width));
+                let (w, h) = (4 + r.below(20), 4 + r.below(20));
+                let shape: Vec<Point> = match r.below(8) {
+                    0..=2 => vec![[0, 0], [w, 0], [w, h], [0, h]],
+                    3 | 4 => vec![[0, 0], [w, 0], [w, h / 2], [w / 2, h / 2], [w / 2, h], [0, h]],
+                    5 => vec![[0, 0], [w / 2, 0], [w, 0], [w, h], [w / 2, h + 3], [0, h]],
+                    6 => vec![[0, 0], [w, r.below(5)], [w + 3, h], [r.below(5), h]],
+                    _ => vec![[0, 0], [w, h], [w, 0], [0, h], [-3, h / 2]],
+                };
+                shape.into_iter().map(|p| [p[0] + x, p[1] + y]).collect()
+            })
+            .collect()
+    }
+
+    fn points(hulls: &Hulls, i: usize) -> Vec<Point> {
+        hulls.points(i).collect()
+    }
+
+    fn assert_sound(footprints: &Footprints, tree: &Dendrogram, hulls: &Hulls, context: &str) {
+        let (order, first) = tree.leaf_order();
+        for c in 0..hulls.len() {
+            let ring = points(hulls, c);
+            assert!(is_simple(&ring), "{context}: cluster {c} is not simple: {ring:?}");
+            assert!(doubled_area(&ring) > 0, "{context}: cluster {c} is clockwise");
+            let members = &order[first[c] as usize..(first[c] + tree.size_of(c as u32)) as usize];
+            let mut input: Vec<Point> = Vec::new();
+            for &b in members {
+                for shell in footprints.polygons.shells(b as usize) {
+                    input.extend_from_slice(shell);
+                    let (outline, _) = clean(shell.iter().map(|&at| Vertex { id: 0, at }).collect());
+                    let outline: Vec<Point> = outline.iter().map(|v| v.at).collect();
+                    assert!(contains(&ring, &outline), "{context}: cluster {c} does not cover building {b}");
+                }
+            }
+            assert!(ring.iter().all(|p| input.contains(p)), "{context}: cluster {c} has a new vertex");
+            let shells: Vec<Polygon> = members
+                .iter()
+                .flat_map(|&b| footprints.polygons.shells(b as usize))
+                .map(|shell| Polygon { shell, holes: vec![] })
+                .collect();
+            let union = crate::geom::union_area::doubled_union_area(&shells);
+            let negative = (doubled_area(&ring) as f64 - union) / 2e6;
+            assert!((hulls.negative_space_m2[c] - negative.max(0.0)).abs() < 1e-12, "{context}: negative space of {c}");
+            if let Some(children) = tree.children(c as u32) {
+                for child in children {
+                    let inner = points(hulls, child as usize);
+                    assert!(contains(&ring, &inner), "{context}: cluster {c} does not contain {child}");
+                }
+            }
+        }
+    }
+
+    fn default_hulls(shells: &[Vec<Point>]) -> (Footprints, Dendrogram, Hulls) {
+        let footprints = town(shells);
+        let tree = bisect(&footprints);
+        let (hulls, _) = merge_hulls(&footprints, &tree, &MergeHulls::default());
+        (footprints, tree, hulls)
+    }
+
+    #[test]
+    fn two_boxes() {
+        let (_, _, hulls) = default_hulls(&[
+            vec![[0, 0], [1000, 0], [1000, 1000], [0, 1000]],
+            vec![[3000, 0], [4000, 0], [4000, 3000], [3000, 3000]],
+        ]);
+        // Eight edges, of which 2/3 rounded up are six.
+        assert_eq!(points(&hulls, 2), [[1000, 1000], [0, 1000], [0, 0], [4000, 0], [4000, 3000], [3000, 3000]]);
+        assert_eq!((hulls.merged_edges[2], hulls.buildings[2]), (6, 2));
+        assert_eq!(hulls.area_m2[2], 1.0 + 3.0 + 4.0);
+        assert_eq!((hulls.negative_space_m2[2], hulls.negative_space_m2[0]), (4.0, 0.0));
+        assert_eq!((hulls.ground[2], hulls.height[2]), (1.0, (1.0 + 3.0 * 2.0) / 4.0));
+    }
+
+    #[test]
+    fn random_towns_are_sound_in_both_modes() {
+        for seed in 0..60 {
+            let footprints = town(&random_town(seed, 3 + 4 * (seed as usize % 8)));
+            let tree = bisect(&footprints);
+            for merge in [Merge::Simplified, Merge::Source] {
+                let how = MergeHulls { merge, ..MergeHulls::default() };
+                let (hulls, _) = merge_hulls(&footprints, &tree, &how);
+                assert_sound(&footprints, &tree, &hulls, &format!("seed {seed}, {merge:?}"));
+                for c in tree.leaf_count()..hulls.len() {
+                    let [l, r] = tree.children(c as u32).unwrap().map(|c| {
+                        outer_hull::target(1.0, ring::edges_without_collinear(&points(&hulls, c as usize)) as u32, 0.0, 0)
+                    });
+                    let edges = hulls.ring(c).len();
+                    let convex = convex_hull(&points(&hulls, c)).len();
+                    if merge == Merge::Simplified {
+                        assert!(edges <= (l + r) * 2 / 3 + 1 || edges == convex, "seed {seed}: cluster {c}: {edges} edges");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_same_turned_moved_and_in_another_order() {
+        for seed in 0..30 {
+            let shells = random_town(seed, 40);
+            let (footprints, tree, hulls) = default_hulls(&shells);
+            let motions: [fn(Point) -> Point; 2] = [|p| [-p[1], p[0]], |p| [p[0] + 400_000_000, p[1] - 3_000_000]];
+            for motion in motions {
+                let moved: Vec<Vec<Point>> = shells.iter().map(|s| s.iter().map(|&p| motion(p)).collect()).collect();
+                let (there, _) = merge_hulls(&town(&moved), &tree, &MergeHulls::default());
+                assert_eq!(there.rings, hulls.rings, "seed {seed}");
+                assert_eq!(there.vertices, hulls.vertices.iter().map(|&p| motion(p)).collect::<Vec<_>>());
+                assert_eq!(there.area_m2, hulls.area_m2);
+            }
+            // Buildings backwards: leaf b is now n - 1 - b, all else as it was.
+            let n = shells.len() as u32;
+            let back = |c: u32| if c < n { n - 1 - c } else { c };
+            let turned = town(&shells.iter().rev().cloned().collect::<Vec<_>>());
+            let mut other = tree.clone();
+            other.left.iter_mut().chain(&mut other.right).for_each(|c| *c = back(*c));
+            let (there, _) = merge_hulls(&turned, &other, &MergeHulls::default());
+            assert_eq!(there.vertices, hulls.vertices);
+            for c in 0..hulls.len() as u32 {
+                assert_eq!(there.ring(back(c) as usize), hulls.ring(c as usize), "seed {seed}, cluster {c}");
+                assert_eq!(there.negative_space_m2[back(c) as usize], hulls.negative_space_m2[c as usize]);
+            }
+            assert_eq!(footprints.len(), n as usize);
+        }
+    }
+
+    #[test]
+    fn what_has_no_area_gets_no_ring_and_the_parent_takes_the_siblings() {
+        let square = vec![[0, 0], [9, 0], [9, 9], [0, 9]];
+        let footprints = town(&[square.clone(), vec![[20, 0], [30, 0]], vec![[40, 0], [50, 0], [60, 0]]]);
+        let tree = bisect(&footprints);
+        let (hulls, repairs) = merge_hulls(&footprints, &tree, &MergeHulls::default());
+        assert_eq!(points(&hulls, 4), square);
+        assert!(hulls.ring(1).is_empty() && hulls.ring(2).is_empty());
+        assert_eq!(repairs.iter().map(|r| (&r.id[..], &r.cause[..])).collect::<Vec<_>>(), [("b1", NO_AREA), ("b2", NO_AREA)]);
+    }
+
+    #[test]
+    fn medians_are_of_area() {
+        let square = |x: i32, side: i32| vec![[x, 0], [x + side, 0], [x + side, side], [x, side]];
+        let footprints = town(&[square(0, 9), square(20, 9), square(40, 20)]);
+        let tree = bisect(&footprints);
+        let how = MergeHulls { height: Height::Median, ..MergeHulls::default() };
+        let (hulls, _) = merge_hulls(&footprints, &tree, &how);
+        assert_eq!(hulls.height[..3], [1.0, 2.0, 3.0]);
+        assert_eq!(hulls.height[4], 3.0);
+    }
+}

@@ -7,6 +7,7 @@ pub mod extrude;
 pub mod landmarks;
 pub mod read_geojson;
 pub mod write_tileset;
+pub mod merge_hulls;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
@@ -17,4 +18,5 @@ static LIST: &[Entry] = &[
     Entry::of::<landmarks::FindLandmarks>(),
     Entry::of::<write_tileset::WriteTileset>(),
     Entry::of::<read_geojson::ReadGeojson>(),
+    Entry::of::<merge_hulls::MergeHulls>(),
 ];
