@@ -124,10 +124,8 @@ pub fn around(ring: &[Point]) -> Option<Vec<u32>> {
     firsts.iter().enumerate().for_each(|(k, &i)| place[i as usize] = k as u32);
     let points: Vec<Point> = firsts.iter().map(|&i| ring[i as usize]).collect();
     let n = ring.len();
-    let segments: Vec<[u32; 2]> = (0..n)
-        .map(|i| [i, (i + 1) % n].map(|i| place[same[i] as usize]))
-        .filter(|s| s[0] != s[1])
-        .collect();
+    let segments: Vec<[u32; 2]> =
+        (0..n).map(|i| [i, (i + 1) % n].map(|i| place[same[i] as usize])).filter(|s| s[0] != s[1]).collect();
     Some(erode(&points, &segments)?.into_iter().map(|k| firsts[k as usize]).collect())
 }
 

@@ -65,9 +65,7 @@ type Chord = (i64, u32, u32);
 fn connect(r: &[Vertex], s: &[Vertex], rect_r: &Rect, rect_s: &Rect) -> Option<Vec<Vertex>> {
     let (sum_r, sum_s) = (sums(r), sums(s));
     let small = r.len() * s.len() <= 1024;
-    let widest = |k: usize| {
-        i64::from(rect_r.high[k].max(rect_s.high[k])) - i64::from(rect_r.low[k].min(rect_s.low[k]))
-    };
+    let widest = |k: usize| i64::from(rect_r.high[k].max(rect_s.high[k])) - i64::from(rect_r.low[k].min(rect_s.low[k]));
     let all = widest(0).max(widest(1)) * 2;
     let gap = |k: usize| {
         let apart = (i64::from(rect_s.low[k]) - i64::from(rect_r.high[k]))
@@ -155,7 +153,11 @@ fn best_pair(
         let batch = &rest[..take];
         let rect = Rect::of(batch.iter().flat_map(|c| [r[c.1 as usize].at, s[c.2 as usize].at]));
         if !known.contains(&rect) {
-            known = Rect::of([known.low, known.high, rect.low, rect.high].into_iter().filter(|p| p[0] != i32::MAX && p[0] != i32::MIN));
+            known = Rect::of(
+                [known.low, known.high, rect.low, rect.high]
+                    .into_iter()
+                    .filter(|p| p[0] != i32::MAX && p[0] != i32::MIN),
+            );
             obstacles = edges_in(r, &known);
             obstacles.extend(edges_in(s, &known));
         }
@@ -173,7 +175,9 @@ fn best_pair(
                 }
             }
             clear.push(chord);
-            if clear.len() >= CLEAR && let Some((_, one, two)) = best {
+            if clear.len() >= CLEAR
+                && let Some((_, one, two)) = best
+            {
                 return Some(trace(r, s, sum_r, sum_s, one, two));
             }
         }
@@ -210,10 +214,11 @@ fn loop_area(r: &[Vertex], s: &[Vertex], sum_r: &[i64], sum_s: &[i64], one: Chor
     let (u1, v1) = (r[one.1 as usize].at, s[one.2 as usize].at);
     let (u2, v2) = (r[two.1 as usize].at, s[two.2 as usize].at);
     // sum of cross(a - o, b - o) over a chain p..q = the same about o' + cross(o' - o, q - p).
-    let moved = orient(o, s[0].at, [
-        s[0].at[0].wrapping_add(v1[0]).wrapping_sub(v2[0]),
-        s[0].at[1].wrapping_add(v1[1]).wrapping_sub(v2[1]),
-    ]);
+    let moved = orient(
+        o,
+        s[0].at,
+        [s[0].at[0].wrapping_add(v1[0]).wrapping_sub(v2[0]), s[0].at[1].wrapping_add(v1[1]).wrapping_sub(v2[1])],
+    );
     chain(sum_r, one.1, two.1)
         .wrapping_add(orient(o, u2, v2))
         .wrapping_add(chain(sum_s, two.2, one.2))

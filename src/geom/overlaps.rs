@@ -122,7 +122,8 @@ pub fn overlap(r: &[Point], s: &[Point]) -> bool {
 
 /// True where the outline winds around a point that is not on it.
 fn inside(ring: &[Point], p: Point) -> bool {
-    edges(ring).filter(|&[a, b]| (a[1] > p[1]) != (b[1] > p[1]) && (orient(a, b, p) > 0) == (b[1] > a[1])).count() % 2 == 1
+    edges(ring).filter(|&[a, b]| (a[1] > p[1]) != (b[1] > p[1]) && (orient(a, b, p) > 0) == (b[1] > a[1])).count() % 2
+        == 1
 }
 
 /// Doubled area of a building without its courtyards; `simple`: its only ring crosses nothing.
@@ -155,7 +156,8 @@ mod tests {
         // Leaves 0, 1, 2; cluster 3 = (0, 1), cluster 4 = (3, 2). All three cover [4, 6] x [4, 6].
         let shells = [square(0, 0, 6), square(4, 4, 6), square(2, 2, 6)];
         let polygons = |p: usize| vec![Polygon { shell: &shells[p][..], holes: vec![] }];
-        let tree = Tree { first: &[0, 1, 2, 0, 0], size: &[1, 1, 1, 2, 3], parent: &[3, 3, 4, 4, u32::MAX], leaf: &[0, 1, 2] };
+        let tree =
+            Tree { first: &[0, 1, 2, 0, 0], size: &[1, 1, 1, 2, 3], parent: &[3, 3, 4, 4, u32::MAX], leaf: &[0, 1, 2] };
         let twice = covered_twice(&tree, &[72.0; 3], &polygons);
         // 0 and 1 share 2 x 2; then the third shares 4 x 4 with each, 2 x 2 of it with both.
         assert_eq!(twice, [0.0, 0.0, 0.0, 8.0, 2.0 * (16.0 + 16.0 - 4.0)]);

@@ -185,8 +185,7 @@ mod tests {
         got.sort_unstable();
         got.dedup();
         let all = (0..300u32).flat_map(|i| (0..200u32).map(move |j| (i, j)));
-        let want: Vec<_> =
-            all.filter(|&(i, j)| Rect::of(a[i as usize]).meets(&Rect::of(b[j as usize]))).collect();
+        let want: Vec<_> = all.filter(|&(i, j)| Rect::of(a[i as usize]).meets(&Rect::of(b[j as usize]))).collect();
         assert_eq!(got, want);
     }
 }

@@ -77,7 +77,8 @@ pub fn doubled_union_area(polygons: &[Polygon]) -> f64 {
                 continue;
             }
             let middle = (low + high) / 2.0;
-            let over: Vec<u32> = mine.iter().map(|t| t.1).filter(|&j| covers(a, b, segments[j as usize], middle)).collect();
+            let over: Vec<u32> =
+                mine.iter().map(|t| t.1).filter(|&j| covers(a, b, segments[j as usize], middle)).collect();
             if over.iter().all(|&j| j > i as u32) {
                 windings(i, middle, &over, &edge_list, &rings, &mut inside);
                 let [left, right] = [0, 1].map(|k| in_union(&rings, &inside[k]));
@@ -184,11 +185,8 @@ mod tests {
 
     #[test]
     fn holes_with_something_in_them() {
-        let (shell, hole, tower): (&[Point], &[Point], &[Point]) = (
-            &[[0, 0], [9, 0], [9, 9], [0, 9]],
-            &[[2, 2], [2, 7], [7, 7], [7, 2]],
-            &[[1, 3], [4, 3], [4, 4], [1, 4]],
-        );
+        let (shell, hole, tower): (&[Point], &[Point], &[Point]) =
+            (&[[0, 0], [9, 0], [9, 9], [0, 9]], &[[2, 2], [2, 7], [7, 7], [7, 2]], &[[1, 3], [4, 3], [4, 4], [1, 4]]);
         let yard = || Polygon { shell, holes: vec![hole] };
         assert_eq!(doubled_union_area(&[yard()]) / 2.0, 81.0 - 25.0);
         assert_eq!(doubled_union_area(&[yard(), Polygon { shell: tower, holes: vec![] }]) / 2.0, 81.0 - 25.0 + 2.0);
@@ -211,7 +209,8 @@ mod tests {
                     vec![[x, y], [x + w, y], [x + w, y + h], [x, y + h]]
                 })
                 .collect();
-            let inside = |x: i32, y: i32| boxes.iter().any(|b| b[0][0] <= x && x < b[2][0] && b[0][1] <= y && y < b[2][1]);
+            let inside =
+                |x: i32, y: i32| boxes.iter().any(|b| b[0][0] <= x && x < b[2][0] && b[0][1] <= y && y < b[2][1]);
             let cells = (0..16).flat_map(|x| (0..16).map(move |y| (x, y))).filter(|&(x, y)| inside(x, y)).count();
             let shells: Vec<&[Point]> = boxes.iter().map(|b| &b[..]).collect();
             assert!((area(&shells) - cells as f64).abs() < 1e-9, "{boxes:?}");

@@ -81,7 +81,11 @@ impl Op for MergeHulls {
     fn run(&self, ctx: &Ctx, input: In) -> Result<Hulls> {
         let (footprints, tree) = (&*input.footprints, &*input.dendrogram);
         if footprints.len() != tree.leaf_count() {
-            let message = format!("the dendrogram is over {} buildings, the footprints are {}", tree.leaf_count(), footprints.len());
+            let message = format!(
+                "the dendrogram is over {} buildings, the footprints are {}",
+                tree.leaf_count(),
+                footprints.len()
+            );
             return Err(Diagnostic::error("other-buildings", message).help("cluster the same footprints"));
         }
         let (hulls, repairs) = merge_hulls(footprints, tree, self);
@@ -196,7 +200,13 @@ impl Leaves {
                 (hull.iter().map(|v| v.id).collect(), cause)
             })
             .collect();
-        let mut leaves = Self { vertices, starts: vec![0], rings: Vec::with_capacity(numbers.len()), repairs: Vec::new(), crossed: Vec::new() };
+        let mut leaves = Self {
+            vertices,
+            starts: vec![0],
+            rings: Vec::with_capacity(numbers.len()),
+            repairs: Vec::new(),
+            crossed: Vec::new(),
+        };
         for (b, (ring, cause)) in built.iter().enumerate() {
             leaves.rings.extend_from_slice(ring);
             leaves.starts.push(leaves.rings.len() as u32);
@@ -371,8 +381,7 @@ fn measure(hulls: &mut Hulls, footprints: &Footprints, tree: &Dendrogram, height
         };
         shapes.polygons_of(b).filter_map(polygon).collect()
     };
-    let own: Vec<f64> =
-        (0..n).into_par_iter().map(|b| overlaps::built_area(&polygons(b), !crossed[b])).collect();
+    let own: Vec<f64> = (0..n).into_par_iter().map(|b| overlaps::built_area(&polygons(b), !crossed[b])).collect();
     let size: Vec<u32> = hulls.buildings.clone();
     let by_place: Vec<f64> = order.iter().map(|&b| own[b as usize]).collect();
     let by = overlaps::Tree { first, size: &size, parent: &hulls.parent, leaf: order };
@@ -387,7 +396,8 @@ fn measure(hulls: &mut Hulls, footprints: &Footprints, tree: &Dendrogram, height
             [own[b], own[b] * ground, own[b] * above]
         })
         .collect();
-    let mut plain: Vec<[f64; 2]> = (0..n).map(|b| [footprints.base[b], footprints.top[b] - footprints.base[b]]).collect();
+    let mut plain: Vec<[f64; 2]> =
+        (0..n).map(|b| [footprints.base[b], footprints.top[b] - footprints.base[b]]).collect();
     hulls.ground = footprints.base.clone();
     hulls.height = plain.iter().map(|p| p[1]).collect();
     for (merge, (&l, &r)) in tree.left.iter().zip(&tree.right).enumerate() {
@@ -489,7 +499,8 @@ mod tests {
         let n = footprints.len() as u32;
         let mut out = Dendrogram { leaves: vec![n], ..Dendrogram::default() };
         let centre = |i: usize| {
-            let ring = footprints.polygons.ring(footprints.polygons.rings_of(footprints.polygons.polygons_of(i).start).start);
+            let ring =
+                footprints.polygons.ring(footprints.polygons.rings_of(footprints.polygons.polygons_of(i).start).start);
             ring.first().copied().unwrap_or([0, 0])
         };
         halve((0..n).map(|i| (i, centre(i as usize))).collect(), 0, n, &mut out);
@@ -598,12 +609,20 @@ mod tests {
                 assert_sound(&footprints, &tree, &hulls, &format!("seed {seed}, {merge:?}"));
                 for c in tree.leaf_count()..hulls.len() {
                     let [l, r] = tree.children(c as u32).unwrap().map(|c| {
-                        outer_hull::target(1.0, ring::edges_without_collinear(&points(&hulls, c as usize)) as u32, 0.0, 0)
+                        outer_hull::target(
+                            1.0,
+                            ring::edges_without_collinear(&points(&hulls, c as usize)) as u32,
+                            0.0,
+                            0,
+                        )
                     });
                     let edges = hulls.ring(c).len();
                     let convex = convex_hull(&points(&hulls, c)).len();
                     if merge == Merge::Simplified {
-                        assert!(edges <= (l + r) * 2 / 3 + 1 || edges == convex, "seed {seed}: cluster {c}: {edges} edges");
+                        assert!(
+                            edges <= (l + r) * 2 / 3 + 1 || edges == convex,
+                            "seed {seed}: cluster {c}: {edges} edges"
+                        );
                     }
                 }
             }
@@ -647,7 +666,10 @@ mod tests {
         let (hulls, repairs) = merge_hulls(&footprints, &tree, &MergeHulls::default());
         assert_eq!(points(&hulls, 4), square);
         assert!(hulls.ring(1).is_empty() && hulls.ring(2).is_empty());
-        assert_eq!(repairs.iter().map(|r| (&r.id[..], &r.cause[..])).collect::<Vec<_>>(), [("b1", NO_AREA), ("b2", NO_AREA)]);
+        assert_eq!(
+            repairs.iter().map(|r| (&r.id[..], &r.cause[..])).collect::<Vec<_>>(),
+            [("b1", NO_AREA), ("b2", NO_AREA)]
+        );
     }
 
     #[test]

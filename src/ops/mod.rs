@@ -8,6 +8,7 @@ pub mod landmarks;
 pub mod read_geojson;
 pub mod write_tileset;
 pub mod merge_hulls;
+pub mod simplify_polyline;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
@@ -19,4 +20,5 @@ static LIST: &[Entry] = &[
     Entry::of::<write_tileset::WriteTileset>(),
     Entry::of::<read_geojson::ReadGeojson>(),
     Entry::of::<merge_hulls::MergeHulls>(),
+    Entry::of::<simplify_polyline::SimplifyPolyline>(),
 ];
