@@ -5,10 +5,10 @@ use crate::op::{Entry, Registry};
 pub mod cluster;
 pub mod extrude;
 pub mod landmarks;
-pub mod read_geojson;
-pub mod write_tileset;
 pub mod merge_hulls;
+pub mod read_geojson;
 pub mod simplify_polyline;
+pub mod write_tileset;
 
 /// Every operator, sorted by name.
 pub static ALL: Registry = Registry(LIST);
