@@ -3,6 +3,7 @@
 use crate::op::{Entry, Registry};
 
 pub mod cluster;
+pub mod cut;
 pub mod extrude;
 pub mod landmarks;
 pub mod merge_hulls;
@@ -15,6 +16,7 @@ pub static ALL: Registry = Registry(LIST);
 static LIST: &[Entry] = &[
     // One a line, so that additions merge.
     Entry::of::<cluster::Cluster>(),
+    Entry::of::<cut::Cut>(),
     Entry::of::<extrude::Extrude>(),
     Entry::of::<landmarks::FindLandmarks>(),
     Entry::of::<write_tileset::WriteTileset>(),
