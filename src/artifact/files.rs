@@ -16,7 +16,7 @@ pub struct Blob {
 /// One file below the output folder.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct File {
-    /// Relative, `/` between parts, without `..`.
+    /// Below the output folder (so with the writer's own `path`); `/` between parts, without `..`.
     pub path: String,
     pub blob: Blob,
     /// Published after the files that it names (`tileset.json`).
@@ -24,6 +24,12 @@ pub struct File {
 }
 
 crate::json_field!(Vec<File>);
+
+/// `name` below `path` as a person may write it: `tiles/`, `a//b`, `./x`.
+pub fn below(path: &str, name: &str) -> String {
+    let parts = path.split('/').chain(name.split('/')).filter(|p| !p.is_empty() && *p != ".");
+    parts.collect::<Vec<_>>().join("/")
+}
 
 crate::columns! {
     /// Files sorted by path. Their bytes lie in the store as objects of their own.
@@ -45,5 +51,14 @@ impl Artifact for Files {
     }
     fn blobs(&self) -> Vec<super::Blob> {
         self.files.iter().map(|f| f.blob).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn paths_as_people_write_them() {
+        assert_eq!(super::below("./tiles//a/", "tileset.json"), "tiles/a/tileset.json");
+        assert_eq!(super::below("roof.glb", ""), "roof.glb");
     }
 }

@@ -9,6 +9,7 @@ pub mod landmarks;
 pub mod merge_hulls;
 pub mod read_geojson;
 pub mod simplify_polyline;
+pub mod write_glb;
 pub mod write_tileset;
 
 /// Every operator, sorted by name.
@@ -19,6 +20,7 @@ static LIST: &[Entry] = &[
     Entry::of::<cut::Cut>(),
     Entry::of::<extrude::Extrude>(),
     Entry::of::<landmarks::FindLandmarks>(),
+    Entry::of::<write_glb::WriteGlb>(),
     Entry::of::<write_tileset::WriteTileset>(),
     Entry::of::<read_geojson::ReadGeojson>(),
     Entry::of::<merge_hulls::MergeHulls>(),

@@ -11,12 +11,13 @@ use serde_json::Value;
 pub type Published = BTreeMap<String, Vec<u8>>;
 type Point = [f64; 3];
 
-/// What `lodge run` would publish.
-pub fn publish(files: &Files, blobs: &MemoryBlobs) -> Published {
+/// What `lodge run` would publish below `folder`.
+pub fn publish(folder: &str, files: &Files, blobs: &MemoryBlobs) -> Published {
     let blobs = blobs.0.lock().unwrap();
     let sorted = files.files.windows(2).all(|w| w[0].path < w[1].path);
     assert!(sorted, "files are sorted and named once");
-    files.files.iter().map(|f| (f.path.clone(), blobs[&f.blob.digest].clone())).collect()
+    let name = |path: &str| path.strip_prefix(folder).unwrap().strip_prefix('/').unwrap().to_string();
+    files.files.iter().map(|f| (name(&f.path), blobs[&f.blob.digest].clone())).collect()
 }
 
 /// Counts of what was checked.

@@ -13,9 +13,9 @@ use lodge::ops::write_tileset::{In, WriteTileset};
 
 fn write(tree: &TileTree, height_offset: f64) -> (Published, Vec<String>) {
     let bench = Bench::default();
-    let op = WriteTileset { path: "tiles".into(), height_offset };
+    let op = WriteTileset { path: "tiles/".into(), height_offset };
     let files = op.run(&bench.ctx(), In { tree: Arc::new(tree.clone()) }).unwrap();
-    (publish(&files, &bench.blobs), bench.report.finish().warnings)
+    (publish("tiles", &files, &bench.blobs), bench.report.finish().warnings)
 }
 
 /// Kept below `target/tmp/tilesets`, where `.ci/validate.sh` looks for them.

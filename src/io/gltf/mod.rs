@@ -9,7 +9,7 @@ pub mod table;
 use serde_json::{Map, Value, json};
 
 use crate::artifact::{Column, Mesh, Values};
-use crate::diag::Result;
+use crate::diag::{Diagnostic, Result};
 
 /// Triangles of one material.
 #[derive(Clone, Debug, Default)]
@@ -75,7 +75,7 @@ pub fn glb(model: &Model) -> Vec<u8> {
         let mut node = json!({ "mesh": 0 });
         if model.origin != [0.0; 3] {
             let [x, y, z] = model.origin;
-            node["translation"] = json!([x, z, -y]);
+            node["translation"] = json!([x, z, 0.0 - y]);
         }
         root.insert("scene".into(), json!(0));
         root.insert("scenes".into(), json!([{ "nodes": [0] }]));
@@ -281,11 +281,134 @@ pub fn mesh(mesh: &Mesh) -> Result<Vec<u8>> {
     let ids = Values::Text(mesh.feature_ids.clone());
     let own = [Column { name: "id".into(), values: ids, present: vec![true; features] }];
     let attributes = &mesh.attributes.columns;
-    Ok(glb(&Model { parts: &parts, normals: false, features, own: &own, attributes, origin }))
+    let bytes = glb(&Model { parts: &parts, normals: false, features, own: &own, attributes, origin });
+    if u32::try_from(bytes.len()).is_err() {
+        return Err(Diagnostic::error(
+            "too-large",
+            format!("a GLB holds 4 GiB, this one would be {} bytes", bytes.len()),
+        ));
+    }
+    Ok(bytes)
 }
 
 fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
     points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(l, h), p| {
         ([0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k])))
     })
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+    use crate::artifact::Attributes;
+    use crate::artifact::mesh::Primitive;
+    use crate::geom::frame::Frame;
+
+    /// A closed box of two features (walls and lids), 2.5 km from the frame's origin.
+    pub fn block() -> Mesh {
+        let corner = |i: u32| [2500.0 + f64::from(i & 1), f64::from(i >> 1 & 1) * 2.0, f64::from(i >> 2) * 3.0];
+        Mesh {
+            frame: Frame::local(),
+            positions: (0..8).map(corner).collect(),
+            triangles: vec![
+                [0, 1, 5],
+                [0, 5, 4],
+                [1, 3, 7],
+                [1, 7, 5],
+                [3, 2, 6],
+                [3, 6, 7],
+                [2, 0, 4],
+                [2, 4, 6],
+                [4, 5, 7],
+                [4, 7, 6],
+                [0, 3, 1],
+                [0, 2, 3],
+            ],
+            features: vec![0, 0, 0, 0, 1, 1, 1, 1],
+            primitives: vec![
+                Primitive { name: "wall".into(), first_triangle: 0, triangles: 8 },
+                Primitive { name: "roof".into(), first_triangle: 8, triangles: 2 },
+                Primitive { name: "ground".into(), first_triangle: 10, triangles: 2 },
+            ],
+            feature_ids: ["a", "ü-17"].into_iter().collect(),
+            attributes: Attributes {
+                columns: vec![Column {
+                    name: "floors".into(),
+                    values: Values::U32(vec![3, 0]),
+                    present: vec![true, false],
+                }],
+            },
+        }
+    }
+
+    fn json_of(bytes: &[u8]) -> (Value, Vec<u8>) {
+        let glb = gltf::Glb::from_slice(bytes).unwrap();
+        (serde_json::from_slice(&glb.json).unwrap(), glb.bin.map(|b| b.into_owned()).unwrap_or_default())
+    }
+
+    #[test]
+    fn mesh_and_back() {
+        let mesh = block();
+        let bytes = super::mesh(&mesh).unwrap();
+        let (json, bin) = json_of(&bytes);
+        // EXT_structural_metadata: the second chunk's bytes begin at a multiple of 8.
+        assert_eq!((bytes.len() - bin.len()) % 8, 0);
+        assert_eq!(json["nodes"][0]["translation"], json!([3000.0, 0.0, 0.0]));
+        let document = gltf::Gltf::from_slice(&bytes).unwrap().document;
+        let mut corners = Vec::new();
+        for p in document.meshes().flat_map(|m| m.primitives().collect::<Vec<_>>()) {
+            let reader = p.reader(|_| Some(&bin));
+            let positions: Vec<[f32; 3]> = reader.read_positions().unwrap().collect();
+            corners.extend(reader.read_indices().unwrap().into_u32().map(|i| positions[i as usize]));
+        }
+        let want = mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]);
+        let want: Vec<[f32; 3]> = want.map(|p| [p[0] as f32 - 3000.0, p[2] as f32, -p[1] as f32]).collect();
+        assert_eq!(corners, want);
+        let class = &json["extensions"]["EXT_structural_metadata"]["schema"]["classes"]["feature"]["properties"];
+        assert_eq!(class["id"]["type"], "STRING");
+        assert_eq!(class["floors"], json!({ "type": "SCALAR", "componentType": "UINT32", "noData": u32::MAX }));
+        assert!(json.get("extensionsRequired").is_none(), "any reader can take it");
+    }
+
+    #[test]
+    fn nothing_at_all_is_a_file_too() {
+        let mesh = Mesh {
+            positions: vec![],
+            triangles: vec![],
+            features: vec![],
+            primitives: vec![],
+            feature_ids: Default::default(),
+            attributes: Default::default(),
+            ..block()
+        };
+        let (json, bin) = json_of(&super::mesh(&mesh).unwrap());
+        assert!(json.get("meshes").is_none() && bin.is_empty());
+        gltf::Gltf::from_slice(&super::mesh(&mesh).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn wide_numbers() {
+        // More features than u16 holds, more vertices than u16 indices reach.
+        let n = 70_000u32;
+        let vertices = (0..3 * n).map(|i| Vertex {
+            position: [i as f32, (i % 3) as f32, 0.0],
+            normal: [0, 0, 127],
+            feature: i / 3,
+        });
+        let part = Part {
+            name: "roof".into(),
+            vertices: vertices.collect(),
+            triangles: (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        };
+        let own = [Column { name: "n".into(), values: Values::U32((0..n).collect()), present: vec![true; n as usize] }];
+        let parts = [part];
+        let model =
+            Model { parts: &parts, normals: true, features: n as usize, own: &own, attributes: &[], origin: [0.0; 3] };
+        let (json, bin) = json_of(&glb(&model));
+        let last = &json["accessors"][2];
+        assert_eq!(last["componentType"], 5126);
+        assert_eq!(json["accessors"][3]["componentType"], 5125);
+        let at = 20 * (3 * n as usize - 1) + 16;
+        assert_eq!(f32::from_le_bytes(bin[at..at + 4].try_into().unwrap()), (n - 1) as f32);
+    }
 }

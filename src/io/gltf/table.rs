@@ -17,6 +17,9 @@ const CLASS: &str = "feature";
 
 /// Appends the columns' bytes and gives the extension's object; none without features or columns.
 pub fn write(file: &mut Builder, features: usize, own: &[Column], attributes: &[Column]) -> Option<Value> {
+    if features == 0 {
+        return None;
+    }
     let (mut class, mut values) = (Map::new(), Map::new());
     let mut taken = BTreeSet::new();
     let named = |c: &&Column| c.present.contains(&true);
@@ -36,7 +39,7 @@ pub fn write(file: &mut Builder, features: usize, own: &[Column], attributes: &[
         class.insert(key.clone(), property);
         values.insert(key, cells);
     }
-    if features == 0 || class.is_empty() {
+    if class.is_empty() {
         return None;
     }
     Some(json!({

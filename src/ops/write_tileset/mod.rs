@@ -18,7 +18,8 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::artifact::{Blob, Files, TileTree, files::File};
+use crate::artifact::files::{self, File};
+use crate::artifact::{Blob, Files, TileTree};
 use crate::diag::{Diagnostic, Result};
 use crate::geom::chart::{Chart, Ecef, Place};
 use crate::geom::crs::Crs;
@@ -63,7 +64,9 @@ impl Op for WriteTileset {
             ));
         }
         let ecef = globe.as_ref().map(|g| |p: [f64; 3]| g.ecef(p));
-        write_tileset(ctx, tree, ecef.as_ref().map(|e| e as Ecef), self.height_offset)
+        let mut files = write_tileset(ctx, tree, ecef.as_ref().map(|e| e as Ecef), self.height_offset)?;
+        files.files.iter_mut().for_each(|f| f.path = files::below(&self.path, &f.path));
+        Ok(files)
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {

@@ -1,0 +1,60 @@
+//! Write a mesh as one GLB.
+//!
+//! In:     triangles with a feature number on every vertex.
+//! Out:    one file: y up, a primitive and a quiet colour for each part of the mesh, features by EXT_mesh_features,
+//!         their `id` and attributes by EXT_structural_metadata. No normals: vertices stay shared, so what is
+//!         watertight stays so, and viewers shade flat. Positions are f32 around the middle of the mesh in whole
+//!         kilometres, which is the node's translation.
+//! Errors: more than 4 GiB, which GLB cannot say. Cost: O(vertices), the file in memory.
+//! Source: glTF 2.0 and the two extensions.
+
+use crate::artifact::files::{self, File};
+use crate::artifact::{Files, Mesh};
+use crate::diag::{Diagnostic, Result};
+use crate::io::gltf;
+use crate::op::{Ctx, Op};
+
+crate::params! {
+    /// One GLB with feature ids.
+    pub struct WriteGlb {
+        /// The file, below the output folder.
+        #[schemars(extend("x-required" = true, "x-output" = "file"))]
+        pub path: String = String::new(),
+    }
+}
+
+crate::inputs! {
+    /// What to write.
+    model: Mesh,
+}
+
+impl Op for WriteGlb {
+    const NAME: &'static str = "write-glb";
+    const VERSION: u32 = 1;
+    type In = In;
+    type Out = Files;
+
+    fn run(&self, ctx: &Ctx, input: In) -> Result<Files> {
+        let bytes = gltf::mesh(&input.model)?;
+        let blob = ctx.blobs.put(&bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
+        Ok(Files { files: vec![File { path: files::below(&self.path, ""), blob, last: false }] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::op::Bench;
+    use std::sync::Arc;
+
+    #[test]
+    fn one_file_under_its_path() {
+        let bench = Bench::default();
+        let op = WriteGlb { path: "./a//b.glb".into() };
+        let files = op.run(&bench.ctx(), In { model: Arc::new(gltf::tests::block()) }).unwrap();
+        assert_eq!(files.files.len(), 1);
+        assert_eq!(files.files[0].path, "a/b.glb");
+        let bytes = &bench.blobs.0.lock().unwrap()[&files.files[0].blob.digest];
+        assert_eq!(&bytes[..4], b"glTF");
+    }
+}
