@@ -1,7 +1,6 @@
 //! The steps from `Spec` to `Graph`. Goes on after a mistake, so that one run shows all of them.
 
-use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use serde_json::{Map, Value};
 
@@ -28,7 +27,6 @@ pub fn build(spec: Spec, registry: &Registry, wrong: &mut Wrong) -> Graph {
     let order = order(&mut drafts, wrong);
 
     // (2) variants, inputs before users
-    let used = RefCell::new(BTreeSet::new());
     let mut schemas: BTreeMap<&str, Value> = BTreeMap::new();
     let mut instances: Vec<Vec<usize>> = vec![Vec::new(); drafts.len()];
     let (mut axes, mut names): (Vec<Vec<Axis>>, Vec<String>) = Default::default();
@@ -36,7 +34,7 @@ pub fn build(spec: Spec, registry: &Registry, wrong: &mut Wrong) -> Graph {
     for me in order {
         let draft = &drafts[me];
         let mut mine = Vec::new();
-        let scope = Scope { params: &spec.params, axes: &[], used: &used, vague: false };
+        let scope = Scope { params: &spec.params, axes: &[], vague: false };
         let own = own(me, draft, &scope, &mut mine);
         let inputs = meet(draft, &instances, &axes, &names, &mut mine);
         let all = combine(draft, inputs, &own, |i| drafts[i].key.name.clone(), &mut mine);
@@ -44,7 +42,7 @@ pub fn build(spec: Spec, registry: &Registry, wrong: &mut Wrong) -> Graph {
         // (3) parameters of each variant
         for one in all {
             let visible: Vec<_> = one.axes.iter().map(|a| (a.name.clone(), a.value.clone())).collect();
-            let scope = Scope { params: &spec.params, axes: &visible, used: &used, vague: draft.vague };
+            let scope = Scope { params: &spec.params, axes: &visible, vague: draft.vague };
             let given = parameters(draft.table, &one.axes, me, &scope, &mut mine);
             let title = name(&draft.key.name, &one.axes);
             if let Some(entry) = draft.entry {
@@ -65,7 +63,7 @@ pub fn build(spec: Spec, registry: &Registry, wrong: &mut Wrong) -> Graph {
     let made: Vec<Made> = nodes.into_iter().flatten().collect();
     let published: Vec<_> = made.iter().filter_map(Made::published).collect();
     files::clashes(&published, wrong);
-    unused_params(&spec, &used.borrow(), wrong);
+    unused_params(&spec, wrong);
     let nodes = made.into_iter().map(|m| m.node).collect();
     let Spec { name, file, texts, description, .. } = spec;
     Graph { name, file, texts, description, nodes }
@@ -320,8 +318,8 @@ fn same_names(names: &[String], drafts: &[Draft], instances: &[Vec<usize>], wron
     }
 }
 
-fn unused_params(spec: &Spec, used: &BTreeSet<String>, wrong: &mut Wrong) {
-    for (key, _) in spec.params.iter().filter(|(k, _)| spec.is_own(&k.span) && !used.contains(&k.name)) {
+fn unused_params(spec: &Spec, wrong: &mut Wrong) {
+    for (key, _) in spec.params.iter().filter(|(k, _)| spec.is_own(&k.span) && !spec.mentioned.contains(&k.name)) {
         let d = Diagnostic::error("unused-param", format!("no node uses param `{}`", key.name));
         wrong.push(
             d.at(key.span.clone())

@@ -17,6 +17,8 @@ pub fn inputs(
         let Some(text) = value.text() else { continue };
         let folder = folder_of(&value.origin);
         let path = folder.join(text);
+        let shown = Path::new(&value.origin.name).parent().unwrap_or(Path::new("")).join(text);
+        let shown = shown.display();
         let mut say = |code, sentence: String| {
             wrong.push(Diagnostic::error(code, sentence).at(value.span.clone()).value(value.written()));
         };
@@ -25,20 +27,20 @@ pub fn inputs(
             continue;
         }
         match path.metadata() {
-            Ok(m) if m.is_dir() => say("missing-file", format!("`{name}`: {} is a folder", path.display())),
+            Ok(m) if m.is_dir() => say("missing-file", format!("`{name}`: {shown} is a folder")),
             Ok(_) => files.push(path),
             Err(_) if text.contains(['*', '?', '[']) => {
-                let pattern = pattern(folder, text);
+                let pattern = pattern(&folder, text);
                 match expand(&pattern) {
                     Ok(found) if found.is_empty() => {
-                        say("missing-file", format!("`{name}`: no file matches {}", path.display()));
+                        say("missing-file", format!("`{name}`: no file matches {shown}"));
                     }
                     Ok(found) => files.extend(found),
                     Err(e) => say("missing-file", format!("`{name}`: {e}")),
                 }
                 globs.push(pattern);
             }
-            Err(e) => say("missing-file", format!("`{name}`: cannot read {}: {}", path.display(), why(&e))),
+            Err(e) => say("missing-file", format!("`{name}`: cannot read {shown}: {}", why(&e))),
         }
     }
 }

@@ -63,6 +63,18 @@ impl Graph {
     }
 }
 
+impl std::fmt::Debug for Graph {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Graph").field("name", &self.name).field("nodes", &self.nodes).finish_non_exhaustive()
+    }
+}
+
+impl std::fmt::Debug for Node {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} = {}({}) of {:?}", self.name, self.entry.name, self.params, self.inputs)
+    }
+}
+
 /// Sorts by file (those of `--set` first), then by place.
 fn place(span: &Span) -> (PathBuf, String, usize, usize) {
     let file = &span.file;

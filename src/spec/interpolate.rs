@@ -1,6 +1,5 @@
 //! `${name}` in node parameters. A value that is only `${name}` keeps its type; `$${` is a literal `${`.
 
-use std::cell::RefCell;
 use std::collections::BTreeSet;
 
 use super::{Data, Table, Val};
@@ -10,8 +9,6 @@ use crate::diag::{Diagnostic, Span, did_you_mean};
 pub struct Scope<'a> {
     pub params: &'a Table,
     pub axes: &'a [(String, Val)],
-    /// Params that something used.
-    pub used: &'a RefCell<BTreeSet<String>>,
     /// The axes are not all known: an unknown name is no mistake of this node's.
     pub vague: bool,
 }
@@ -81,7 +78,6 @@ impl Scope<'_> {
             return Some(value.clone());
         }
         if let Some(value) = self.params.get(name) {
-            self.used.borrow_mut().insert(name.to_string());
             return Some(value.clone());
         }
         if self.vague {
@@ -122,6 +118,22 @@ fn pieces(text: &str) -> Result<Vec<Piece<'_>>, &str> {
     out.push(Piece::Text(rest));
     out.retain(|p| *p != Piece::Text(""));
     Ok(out)
+}
+
+/// Adds the names that `${..}` mentions anywhere in a value.
+pub fn mentions(value: &Val, names: &mut BTreeSet<String>) {
+    match &value.data {
+        Data::Text(text) => {
+            for piece in pieces(text).unwrap_or_default() {
+                if let Piece::Name(name) = piece {
+                    names.insert(name.to_string());
+                }
+            }
+        }
+        Data::List(list) => list.iter().for_each(|v| mentions(v, names)),
+        Data::Table(table) => table.iter().for_each(|(_, v)| mentions(v, names)),
+        _ => {}
+    }
 }
 
 /// In a param: `$${` becomes `${`, and a `${` is reported.

@@ -6,6 +6,7 @@ mod interpolate;
 mod sets;
 mod value;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -29,6 +30,8 @@ pub struct Spec {
     pub params: Table,
     /// Each is a table. What files below wrote first comes first.
     pub nodes: Table,
+    /// Params that some node mentions, in the files or with `--set`: the others are unused.
+    pub mentioned: BTreeSet<String>,
 }
 
 impl Spec {
@@ -37,9 +40,12 @@ impl Spec {
         let mut chain = Chain { open: Vec::new(), texts: Vec::new() };
         let mut layer = chain.read(file, &file.display().to_string(), None, wrong)?;
         let overrides: Vec<_> = sets.iter().filter_map(|text| Override::read(text, wrong)).collect();
+        let mut mentioned = BTreeSet::new();
+        layer.nodes.iter().for_each(|(_, node)| interpolate::mentions(node, &mut mentioned));
         for one in overrides {
             layer.set(one, wrong);
         }
+        layer.nodes.iter().for_each(|(_, node)| interpolate::mentions(node, &mut mentioned));
         layer.nodes.0.retain(|(key, node)| is_node(key, node, wrong));
         let canonical = chain.open.swap_remove(0);
         Some(Self {
@@ -49,6 +55,7 @@ impl Spec {
             description: layer.description,
             params: layer.params,
             nodes: layer.nodes,
+            mentioned,
         })
     }
 
@@ -59,8 +66,11 @@ impl Spec {
 }
 
 /// The folder that relative paths in a text start from.
-pub fn folder_of(file: &SourceFile) -> &Path {
-    file.path.parent().unwrap_or(Path::new(""))
+pub fn folder_of(file: &SourceFile) -> PathBuf {
+    match file.path.parent() {
+        Some(folder) => folder.to_path_buf(),
+        None => std::env::current_dir().unwrap_or_default(),
+    }
 }
 
 /// Lower-case letters and digits, in parts joined by single `-`.
@@ -212,8 +222,9 @@ impl Layer {
                 for name in axes(above) {
                     below.remove(&name);
                 }
+                let listed = if above.get("variants").is_some() { axes(above) } else { Vec::new() };
                 if let Some(Val { data: Data::Table(matrix), .. }) = below.get_mut("matrix") {
-                    matrix.0.retain(|(k, _)| above.get(&k.name).is_none());
+                    matrix.0.retain(|(k, _)| above.get(&k.name).is_none() && !listed.contains(&k.name));
                 }
                 *old_key = key;
                 below.merge(std::mem::take(above));
