@@ -16,5 +16,6 @@ pub mod ops;
 
 pub mod graph;
 pub mod spec;
+pub mod run;
 
 pub mod cli;

@@ -2,8 +2,10 @@
 //! `Args` (clap) with `run(self, &Globals) -> Outcome`. A new command is three lines here.
 
 mod check;
+mod engine;
 mod ops;
 pub mod render;
+mod run;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -31,6 +33,8 @@ enum Command {
     Check(check::Args),
     /// The manual of the operators, from their own declarations
     Ops(ops::Args),
+    /// Run what is needed and publish what writers made
+    Run(run::Args),
 }
 
 impl Command {
@@ -38,6 +42,7 @@ impl Command {
         match self {
             Command::Check(args) => args.run(globals),
             Command::Ops(args) => args.run(globals),
+            Command::Run(args) => args.run(globals),
         }
     }
 }

@@ -1,0 +1,142 @@
+//! `lodge run FILE [NODE..]`: runs what is needed, publishes what writers made.
+
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+
+use super::engine::{self, Place};
+use super::{Exit, Globals, Outcome, Target, render};
+use crate::graph::Graph;
+use crate::run::event::{Event, Status};
+use crate::run::{self, NodeOutcome};
+
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    target: Target,
+    /// Run only these nodes and what they need
+    #[arg(value_name = "NODE")]
+    nodes: Vec<String>,
+    /// Read all inputs and published files, also where the file system says that they are unchanged
+    #[arg(long)]
+    verify: bool,
+}
+
+impl Args {
+    pub fn run(self, globals: &Globals) -> Outcome {
+        let place = Place::of(globals, &self.target.file);
+        let graph = Arc::new(self.target.load()?);
+        let only = engine::pick(&graph, &self.nodes)?;
+        let mut options = engine::options(globals, &place);
+        options.verify = self.verify;
+        let quiet = globals.quiet;
+        let outcome = run::run(&graph, &only, &options, &mut |event| {
+            if let (Event::Warning { node: None, text }, false) = (event, quiet) {
+                eprintln!("warning: {text}");
+            }
+        });
+        let errors: Vec<_> =
+            outcome.nodes.iter().filter_map(|n| n.error.clone()).chain(outcome.errors.iter().cloned()).collect();
+        eprint!("{}", render::text(&errors, render::Style::for_stderr()));
+        if globals.json {
+            super::print(&to_json(&graph, &outcome));
+        } else if !quiet {
+            super::say(&table(&graph, &outcome));
+        }
+        Ok(exit(&outcome))
+    }
+}
+
+pub fn exit(outcome: &run::Outcome) -> Exit {
+    let mut exit = if outcome.ok() { Exit::Done } else { Exit::Failed };
+    if outcome.damaged {
+        exit = exit.and(Exit::Damaged);
+    }
+    if outcome.interrupted {
+        exit = exit.and(Exit::Interrupted);
+    }
+    exit
+}
+
+/// The object of `run --json`.
+pub fn to_json(graph: &Graph, outcome: &run::Outcome) -> Value {
+    let files: Vec<_> = outcome
+        .files
+        .iter()
+        .map(|f| json!({"path": f.path, "bytes": f.bytes, "digest": f.digest, "written": f.written}))
+        .collect();
+    let mut out = json!({
+        "lodge": env!("CARGO_PKG_VERSION"),
+        "pipeline": graph.name,
+        "ok": outcome.ok(),
+        "seconds": outcome.seconds,
+        "nodes": outcome.nodes.iter().map(|n| node_json(graph, n)).collect::<Vec<_>>(),
+        "files": files,
+        "warnings": outcome.warnings,
+    });
+    if !outcome.errors.is_empty() {
+        out["diagnostics"] = json!(render::all_json(&outcome.errors));
+    }
+    out
+}
+
+fn node_json(graph: &Graph, node: &NodeOutcome) -> Value {
+    let of = &graph.nodes[node.index];
+    let record = node.record.as_ref();
+    let mut out = json!({
+        "name": of.name,
+        "op": of.entry.name,
+        "status": node.status.name(),
+        "seconds": node.seconds,
+        "digest": record.map(|r| r.digest),
+        "bytes": record.map(|r| r.bytes + r.blob_bytes),
+        "summary": record.map(|r| Value::Object(r.summary())),
+        "warnings": node.warnings,
+    });
+    if let Some(error) = &node.error {
+        out["error"] = json!(error.to_string());
+    }
+    if let Some(because) = &node.because {
+        out["because"] = json!(because);
+    }
+    out
+}
+
+/// A row per node: name, what happened, time, size.
+fn table(graph: &Graph, outcome: &run::Outcome) -> String {
+    let width = outcome.nodes.iter().map(|n| graph.nodes[n.index].name.chars().count()).max().unwrap_or(0);
+    let mut out = String::new();
+    for node in &outcome.nodes {
+        let name = &graph.nodes[node.index].name;
+        let bytes = node.record.as_ref().map_or(String::new(), |r| size(r.bytes + r.blob_bytes));
+        let time = if node.status == Status::Skipped { String::new() } else { time(node.seconds) };
+        let why = node.because.as_ref().map_or(String::new(), |b| format!("  because of `{b}`"));
+        out += &format!("{name:width$}  {:8}{time:>9}{bytes:>11}{why}", node.status.name()).trim_end();
+        out.push('\n');
+        for warning in &node.warnings {
+            out += &format!("{:width$}  warning: {warning}\n", "");
+        }
+    }
+    let count = |status| outcome.nodes.iter().filter(|n| n.status == status).count();
+    let parts = [Status::Ran, Status::Cached, Status::Failed, Status::Skipped].map(|s| (count(s), s.name()));
+    let parts: Vec<_> = parts.iter().filter(|p| p.0 > 0).map(|(n, s)| format!("{n} {s}")).collect();
+    let written = outcome.files.iter().filter(|f| f.written).count();
+    out += &format!("{}: {}", graph.name, parts.join(", "));
+    if !outcome.files.is_empty() {
+        out += &format!("; {} of {} files written", written, outcome.files.len());
+    }
+    out + &format!("; {}\n", time(outcome.seconds))
+}
+
+fn time(seconds: f64) -> String {
+    if seconds < 1.0 { format!("{:.1} ms", seconds * 1e3) } else { format!("{seconds:.2} s") }
+}
+
+pub fn size(bytes: u64) -> String {
+    match bytes {
+        0..1024 => format!("{bytes} B"),
+        1024..1_048_576 => format!("{:.1} KiB", bytes as f64 / 1024.0),
+        1_048_576..1_073_741_824 => format!("{:.1} MiB", bytes as f64 / 1_048_576.0),
+        _ => format!("{:.2} GiB", bytes as f64 / 1_073_741_824.0),
+    }
+}

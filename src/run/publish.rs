@@ -1,0 +1,306 @@
+//! From the cache to the output folder: copies, only where something differs, never through a link.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use super::codec::{Reader, Writer};
+use super::event::{Event, Observer};
+use super::executor::decode;
+use super::record::Record;
+use super::stamp::{self, Stamp};
+use super::store::Store;
+use crate::artifact::{Files, files};
+use crate::diag::Diagnostic;
+use crate::digest::Digest;
+use crate::graph::Graph;
+
+/// A published file, as it is after the run.
+#[derive(Clone, Debug)]
+pub struct Published {
+    /// Below the output folder.
+    pub path: String,
+    pub digest: Digest,
+    pub bytes: u64,
+    /// By this run.
+    pub written: bool,
+    pub stamp: Stamp,
+    /// The node that made it.
+    pub node: String,
+}
+
+#[derive(Default)]
+pub struct Found {
+    pub files: Vec<Published>,
+    /// Keys of results with blobs that are missing or damaged.
+    pub lost: Vec<Digest>,
+    pub errors: Vec<Box<Diagnostic>>,
+}
+
+const TAG: &str = "lodge published 1";
+
+/// Publishes the results of `ready` into `out`.
+pub fn publish(
+    graph: &Graph,
+    ready: &[(usize, Arc<Record>)],
+    out: &Path,
+    store: &Store,
+    verify: bool,
+    observer: &mut Observer,
+) -> Found {
+    let mut found = Found::default();
+    let state = state_name(graph, out);
+    let before = read_state(store, &state);
+    if ready.is_empty() && before.is_empty() {
+        return found;
+    }
+    let result = lock(out, observer).and_then(|guard| {
+        let work = Work { out, store, before: &before, verify, remote: stamp::is_remote(out) };
+        work.run(graph, ready, &mut found, observer)?;
+        drop(guard);
+        Ok(())
+    });
+    if let Err(error) = result {
+        let message = format!("cannot publish into `{}`: {error}", out.display());
+        found.errors.push(Diagnostic::error("cannot-publish", message));
+    }
+    let mut all: BTreeMap<&str, &Published> = BTreeMap::new();
+    // What was not asked for, or failed, stays as it is.
+    let fresh: BTreeSet<&str> = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
+    let known: BTreeSet<&str> = graph.nodes.iter().map(|n| &*n.name).collect();
+    let stays = |p: &&Published| !fresh.contains(&*p.node) && known.contains(&*p.node);
+    all.extend(before.values().filter(stays).map(|p| (&*p.path, p)));
+    all.extend(found.files.iter().map(|p| (&*p.path, p)));
+    if let Err(error) = store.put_state("published", &state, &write_state(&all)) {
+        tracing::debug!(%error, "cannot note what was published");
+    }
+    found
+}
+
+/// One run at a time per folder, whichever cache it has; the kernel frees the lock.
+fn lock(out: &Path, observer: &mut Observer) -> io::Result<File> {
+    fs::create_dir_all(out)?;
+    let folder = File::open(out)?;
+    if let Err(fs::TryLockError::WouldBlock) = folder.try_lock() {
+        observer(&Event::Waiting { what: out.display().to_string(), on: 0 });
+        folder.lock()?;
+    }
+    Ok(folder)
+}
+
+struct Work<'a> {
+    out: &'a Path,
+    store: &'a Store,
+    before: &'a BTreeMap<String, Published>,
+    verify: bool,
+    remote: bool,
+}
+
+impl Work<'_> {
+    fn run(
+        &self,
+        graph: &Graph,
+        ready: &[(usize, Arc<Record>)],
+        found: &mut Found,
+        observer: &mut Observer,
+    ) -> io::Result<()> {
+        // (1) What there should be. Files that name others come after all others.
+        let mut all: Vec<(files::File, String, Digest)> = Vec::new();
+        for (n, record) in ready {
+            let node = &graph.nodes[*n];
+            let Some(artifact) = decode(self.store, &record.kind, &record.digest) else {
+                found.lost.push(record.key);
+                continue;
+            };
+            let Ok(list) = artifact.into_any().downcast::<Files>() else { continue };
+            all.extend(list.files.iter().map(|f| (f.clone(), node.name.clone(), record.key)));
+        }
+        all.sort_by(|a, b| (a.0.last, &a.0.path).cmp(&(b.0.last, &b.0.path)));
+
+        // (2) Write what differs.
+        for (file, node, key) in all {
+            if !is_below(&file.path) {
+                let message = format!("`{}` does not lie below the output folder", file.path);
+                found.errors.push(Diagnostic::error("outside", message).node(node));
+                continue;
+            }
+            let path = self.out.join(&file.path);
+            let known = self.unchanged(&path, &file);
+            let (stamp, written) = match known {
+                Some(stamp) => (stamp, false),
+                None => match self.write(&path, &file.blob.digest)? {
+                    Some(stamp) => (stamp, true),
+                    None => {
+                        found.lost.push(key);
+                        continue;
+                    }
+                },
+            };
+            if written {
+                observer(&Event::Published { path: file.path.clone(), bytes: file.blob.bytes });
+            }
+            let (digest, bytes) = (file.blob.digest, file.blob.bytes);
+            found.files.push(Published { path: file.path, digest, bytes, written, stamp, node });
+        }
+        found.files.sort_by(|a, b| a.path.cmp(&b.path));
+        if !found.lost.is_empty() || !found.errors.is_empty() {
+            return Ok(());
+        }
+
+        // (3) Remove what the last run published and this one does not make, unless somebody changed it.
+        let fresh: BTreeSet<&str> = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
+        let known: BTreeSet<&str> = graph.nodes.iter().map(|n| &*n.name).collect();
+        let made: BTreeSet<&str> = found.files.iter().map(|f| &*f.path).collect();
+        for old in self.before.values() {
+            let gone = fresh.contains(&*old.node) || !known.contains(&*old.node);
+            if gone && !made.contains(&*old.path) && is_below(&old.path) {
+                self.remove(old, observer);
+            }
+        }
+        Ok(())
+    }
+
+    /// The stamp of a file that is there as it should be.
+    fn unchanged(&self, path: &Path, file: &files::File) -> Option<Stamp> {
+        let now = Stamp::of_output(path)?;
+        if now.size != file.blob.bytes || !self.parents_are_folders(path) {
+            return None;
+        }
+        if let Some(known) = self.before.get(&file.path)
+            && known.digest == file.blob.digest
+            && known.stamp.same(&now)
+            && known.stamp.settled(self.remote)
+            && !self.verify
+        {
+            return Some(known.stamp);
+        }
+        let (stamp, digest) = stamp::hash_output(path)?;
+        (digest == file.blob.digest).then_some(stamp)
+    }
+
+    fn parents_are_folders(&self, path: &Path) -> bool {
+        let parents = path.ancestors().skip(1).take_while(|p| *p != self.out);
+        parents.into_iter().all(|p| fs::symlink_metadata(p).is_ok_and(|m| m.is_dir()))
+    }
+
+    /// A verified copy of an object under a fresh name, then in place; none if the object is lost.
+    fn write(&self, path: &Path, digest: &Digest) -> io::Result<Option<Stamp>> {
+        let folder = path.parent().expect("published files lie in a folder");
+        self.make_folder(folder)?;
+        // Beside its place where the cache lies on another device.
+        let mut fresh = self.store.fresh();
+        for attempt in 0..2 {
+            let mut file = OpenOptions::new().write(true).create_new(true).open(&fresh)?;
+            let read = self.store.read(digest, &mut |piece| file.write_all(piece));
+            drop(file);
+            if !matches!(read, Ok(Some(_))) {
+                let _ = fs::remove_file(&fresh);
+                return read.map(|_| None);
+            }
+            if fs::symlink_metadata(path).is_ok_and(|m| m.is_dir()) {
+                let _ = fs::remove_file(&fresh);
+                return Err(io::Error::other(format!("`{}` is a folder", path.display())));
+            }
+            match fs::rename(&fresh, path) {
+                Err(e) if e.kind() == io::ErrorKind::CrossesDevices && attempt == 0 => {
+                    let _ = fs::remove_file(&fresh);
+                    fresh = folder.join(format!(".lodge-{}", digest.short(12)));
+                    let _ = fs::remove_file(&fresh);
+                }
+                Err(e) => {
+                    let _ = fs::remove_file(&fresh);
+                    return Err(e);
+                }
+                Ok(()) => return Ok(Stamp::of_output(path)),
+            }
+        }
+        unreachable!("the second attempt renames within a folder")
+    }
+
+    /// Folders down to `folder`; a link or file in the way is replaced.
+    fn make_folder(&self, folder: &Path) -> io::Result<()> {
+        let mut missing: Vec<&Path> = folder.ancestors().take_while(|p| *p != self.out).collect();
+        while let Some(path) = missing.pop() {
+            match fs::symlink_metadata(path) {
+                Ok(meta) if meta.is_dir() => continue,
+                Ok(_) => fs::remove_file(path)?,
+                Err(_) => {}
+            }
+            fs::create_dir(path)?;
+        }
+        Ok(())
+    }
+
+    fn remove(&self, old: &Published, observer: &mut Observer) {
+        let path = self.out.join(&old.path);
+        let same = Stamp::of_output(&path).is_some_and(|now| now.same(&old.stamp) && old.stamp.settled(self.remote))
+            || stamp::hash_output(&path).is_some_and(|(_, digest)| digest == old.digest);
+        if !same || !self.parents_are_folders(&path) || fs::remove_file(&path).is_err() {
+            return;
+        }
+        observer(&Event::Removed { path: old.path.clone() });
+        for folder in path.ancestors().skip(1).take_while(|p| *p != self.out) {
+            if fs::remove_dir(folder).is_err() {
+                break;
+            }
+        }
+    }
+}
+
+/// Relative, and never upwards.
+fn is_below(path: &str) -> bool {
+    let path = Path::new(path);
+    path.components().next().is_some() && path.components().all(|c| matches!(c, Component::Normal(_)))
+}
+
+// -------------------------------------------------------------------------------------------------------- state
+
+fn state_name(graph: &Graph, out: &Path) -> String {
+    let mut name = Writer::default();
+    name.text(&graph.file.to_string_lossy());
+    name.text(&absolute(out).to_string_lossy());
+    Digest::of(&name.0).short(16)
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// What the last runs published here. A damaged state is none: then nothing is removed, and everything read.
+fn read_state(store: &Store, name: &str) -> BTreeMap<String, Published> {
+    let bytes = fs::read(store.state("published", name)).unwrap_or_default();
+    let parse = || {
+        let mut from = Reader::unseal(&bytes, TAG)?;
+        // A reboot may have lost what was written without waiting for the disk.
+        let same_boot = from.text()? == boot();
+        from.list(|f| {
+            let path = f.text()?.to_string();
+            let node = f.text()?.to_string();
+            let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
+            let stamp = if same_boot { stamp } else { Stamp::default() };
+            Some(Published { path, digest, bytes, written: false, stamp, node })
+        })
+    };
+    parse().unwrap_or_default().into_iter().map(|p| (p.path.clone(), p)).collect()
+}
+
+fn write_state(all: &BTreeMap<&str, &Published>) -> Vec<u8> {
+    let mut out = Writer::default();
+    out.text(&boot());
+    out.u32(all.len() as u32);
+    for file in all.values() {
+        out.text(&file.path);
+        out.text(&file.node);
+        out.digest(&file.digest);
+        out.u64(file.bytes);
+        file.stamp.write(&mut out);
+    }
+    out.sealed(TAG)
+}
+
+/// Names the time since the machine was started; nothing is synced to disk, so stamps do not outlive that.
+pub fn boot() -> String {
+    fs::read_to_string("/proc/sys/kernel/random/boot_id").map_or(String::new(), |t| t.trim().to_string())
+}

@@ -1,0 +1,193 @@
+//! When a file is known to be unchanged without reading it.
+//!
+//! A stamp is what the file system says of a file: device, inode, size, mtime and ctime. A program may put back size
+//! and mtime; ctime it cannot set. A clock that ticks coarsely can give two writes one ctime: so a stamp counts only if
+//! it was taken a margin after the file's last change.
+
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, Read};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::Path;
+
+use nix::libc;
+
+use super::codec::{Reader, Writer};
+use super::store::PIECE;
+use crate::digest::Digest;
+
+/// What the file system says of a file, and when it said so.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stamp {
+    device: u64,
+    inode: u64,
+    pub size: u64,
+    /// Nanoseconds.
+    mtime: i64,
+    ctime: i64,
+    /// Nanoseconds; not part of what is compared.
+    taken: i64,
+}
+
+/// Local file systems tick in 4 ms at most.
+const MARGIN: i64 = 20_000_000;
+/// Others have clocks of their own.
+const MARGIN_REMOTE: i64 = 2_000_000_000;
+
+impl Stamp {
+    fn of_meta(meta: &Metadata) -> Self {
+        let nanos = |s: i64, n: i64| s.saturating_mul(1_000_000_000).saturating_add(n);
+        Self {
+            device: meta.dev(),
+            inode: meta.ino(),
+            size: meta.size(),
+            mtime: nanos(meta.mtime(), meta.mtime_nsec()),
+            ctime: nanos(meta.ctime(), meta.ctime_nsec()),
+            taken: now(),
+        }
+    }
+
+    /// Of an input: a link's target. Only regular files have stamps.
+    pub fn of_input(path: &Path) -> io::Result<Self> {
+        let meta = fs::metadata(path)?;
+        if !meta.is_file() {
+            let what = if meta.is_dir() { "it is a folder" } else { "it is not a regular file" };
+            return Err(io::Error::other(what));
+        }
+        Ok(Self::of_meta(&meta))
+    }
+
+    /// Of a published file: none where there is something else than a regular file.
+    pub fn of_output(path: &Path) -> Option<Self> {
+        fs::symlink_metadata(path).ok().filter(Metadata::is_file).map(|m| Self::of_meta(&m))
+    }
+
+    /// Of an open file.
+    pub fn of_file(file: &File) -> io::Result<Self> {
+        Ok(Self::of_meta(&file.metadata()?))
+    }
+
+    /// The same file, by all that the file system says.
+    pub fn same(&self, other: &Self) -> bool {
+        (self.device, self.inode, self.size, self.mtime, self.ctime)
+            == (other.device, other.inode, other.size, other.mtime, other.ctime)
+    }
+
+    /// Taken so long after the last change that another one would show.
+    pub fn settled(&self, remote: bool) -> bool {
+        let margin = if remote { MARGIN_REMOTE } else { MARGIN };
+        self.ctime.saturating_add(margin) <= self.taken
+    }
+
+    pub fn write(&self, out: &mut Writer) {
+        out.u64(self.device);
+        out.u64(self.inode);
+        out.u64(self.size);
+        out.i64(self.mtime);
+        out.i64(self.ctime);
+        out.i64(self.taken);
+    }
+
+    pub fn read(from: &mut Reader) -> Option<Self> {
+        Some(Self {
+            device: from.u64()?,
+            inode: from.u64()?,
+            size: from.u64()?,
+            mtime: from.i64()?,
+            ctime: from.i64()?,
+            taken: from.i64()?,
+        })
+    }
+}
+
+fn now() -> i64 {
+    std::time::UNIX_EPOCH.elapsed().map_or(0, |d| d.as_nanos() as i64)
+}
+
+/// Whether `path` lies on a file system that is not known to be local.
+pub fn is_remote(path: &Path) -> bool {
+    // ext, xfs, btrfs, tmpfs, overlayfs, zfs, f2fs, bcachefs, ramfs
+    const LOCAL: [i64; 9] = [
+        0xef53,
+        0x5846_5342,
+        0x9123_683e,
+        0x0102_1994,
+        0x794c_7630,
+        0x2fc1_2fc1,
+        0xf2f5_2010,
+        0xca45_1a4e,
+        0x8584_58f6,
+    ];
+    let mut at = path;
+    loop {
+        match nix::sys::statfs::statfs(at) {
+            Ok(found) => return !LOCAL.contains(&(i64::from(found.filesystem_type().0) & 0xffff_ffff)),
+            Err(_) => match at.parent() {
+                Some(parent) if !parent.as_os_str().is_empty() => at = parent,
+                _ => return true,
+            },
+        }
+    }
+}
+
+/// Reads a file whole: the stamp it had before, and its digest. A file that changes meanwhile is an error.
+pub fn hash_input(path: &Path) -> io::Result<(Stamp, Digest)> {
+    let stamp = Stamp::of_input(path)?;
+    let digest = hash(&mut OpenOptions::new().read(true).open(path)?)?;
+    if !Stamp::of_input(path)?.same(&stamp) {
+        return Err(io::Error::other("changed while it was read"));
+    }
+    Ok((stamp, digest))
+}
+
+/// The same of a published file; none where there is something else, or where it cannot be read.
+pub fn hash_output(path: &Path) -> Option<(Stamp, Digest)> {
+    let mut file = OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path).ok()?;
+    let stamp = Stamp::of_output(path)?;
+    let digest = hash(&mut file).ok()?;
+    Stamp::of_output(path)?.same(&stamp).then_some((stamp, digest))
+}
+
+fn hash(file: &mut File) -> io::Result<Digest> {
+    let mut hash = blake3::Hasher::new();
+    let mut piece = vec![0; PIECE];
+    loop {
+        match file.read(&mut piece) {
+            Ok(0) => return Ok(Digest(*hash.finalize().as_bytes())),
+            Ok(n) => _ = hash.update(&piece[..n]),
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn putting_size_and_mtime_back_shows() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, "one").unwrap();
+        let before = Stamp::of_input(&path).unwrap();
+        let mtime = fs::metadata(&path).unwrap().modified().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        fs::write(&path, "two").unwrap();
+        File::options().write(true).open(&path).unwrap().set_modified(mtime).unwrap();
+        let after = Stamp::of_input(&path).unwrap();
+        assert_eq!(before.mtime, after.mtime);
+        assert!(!before.same(&after));
+    }
+
+    #[test]
+    fn a_young_stamp_is_not_settled() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, "one").unwrap();
+        let mut stamp = Stamp::of_input(&path).unwrap();
+        assert!(!stamp.settled(false));
+        stamp.taken += MARGIN;
+        assert!(stamp.settled(false) && !stamp.settled(true));
+        assert!(is_remote(Path::new("/proc")));
+    }
+}

@@ -1,0 +1,488 @@
+//! The cache folder: objects by digest, results by key. Everything in it is written once under a fresh name and
+//! checked when it is read; nothing is waited for by fsync, because what a crash tears is noticed and made again.
+//!
+//! ```text
+//! CACHEDIR.TAG, .gitignore
+//! objects/ab/cdef..   an artifact or blob, named by the BLAKE3 hash of its bytes
+//! packs/*.pack        results, and objects up to 4 KiB: one file per run (`pack`)
+//! locks               claims (`lock`)
+//! tmp/RUN/            files before they have a name; gone with the run
+//! plans/, published/, runs/   what `plan`, `publish` and `last` keep
+//! ```
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use nix::libc;
+
+use super::lock::{Claim, Guard, Locks};
+use super::pack::{self, Appender, Frame, What};
+use super::record::Record;
+use crate::artifact::Blob;
+use crate::digest::Digest;
+
+/// Objects up to this size lie in packs.
+pub const SMALL: u64 = 4096;
+/// Pieces in which files are hashed and copied: less makes BLAKE3 slow.
+pub const PIECE: usize = 1 << 18;
+
+pub struct Store {
+    /// Where things are looked for.
+    root: PathBuf,
+    /// Where things are written: `root`, or a folder that goes with the process where `root` cannot be written.
+    write: PathBuf,
+    overlay: Option<tempfile::TempDir>,
+    /// Names this run's pack and folder; its byte in the lock file says that the run lives.
+    id: u64,
+    locks: Option<Arc<Locks>>,
+    _alive: Option<Guard>,
+    own: Mutex<Option<Appender>>,
+    index: Mutex<Index>,
+    names: AtomicU64,
+}
+
+#[derive(Default)]
+struct Index {
+    packs: Vec<Pack>,
+    objects: BTreeMap<Digest, (usize, Frame)>,
+    results: BTreeMap<Digest, (usize, Frame)>,
+    /// Results that must be made again: a blob of theirs is lost.
+    dropped: BTreeSet<Digest>,
+    /// Objects that turned out damaged or missing.
+    damaged: BTreeSet<Digest>,
+    /// One sentence for each.
+    troubles: Vec<String>,
+}
+
+struct Pack {
+    file: Arc<File>,
+    path: PathBuf,
+    scanned: u64,
+    own: bool,
+}
+
+impl Store {
+    /// Opens or makes the cache in `root`. Where that cannot be written, results go to a temporary folder.
+    pub fn open(root: &Path) -> io::Result<Self> {
+        for part in ["objects", "packs", "tmp", "plans", "published", "runs"] {
+            if let Ok(meta) = fs::symlink_metadata(root.join(part))
+                && !meta.is_dir()
+            {
+                let what = format!("`{}` in the cache is not a folder: remove it", part);
+                return Err(io::Error::other(what));
+            }
+        }
+        let id = fresh_id();
+        let (write, overlay) = match prepare(root, id) {
+            Ok(()) => (root.to_path_buf(), None),
+            Err(e) if is_read_only(&e) => {
+                let folder = tempfile::Builder::new().prefix("lodge-").tempdir()?;
+                prepare(folder.path(), id)?;
+                (folder.path().to_path_buf(), Some(folder))
+            }
+            Err(e) => return Err(e),
+        };
+        let locks = match overlay {
+            None => Some(Locks::open(&root.join("locks"))?),
+            Some(_) => None,
+        };
+        let alive = locks.as_ref().and_then(|l| match l.claim(id) {
+            Claim::Got(guard) => Some(guard),
+            Claim::Busy(_) => None,
+        });
+        let store = Self {
+            root: root.to_path_buf(),
+            write,
+            overlay,
+            id,
+            locks,
+            _alive: alive,
+            own: Mutex::default(),
+            index: Mutex::default(),
+            names: AtomicU64::new(0),
+        };
+        store.sweep();
+        store.refresh()?;
+        Ok(store)
+    }
+
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where the small state files of `plan`, `publish` and `last` lie.
+    pub fn state(&self, folder: &str, name: &str) -> PathBuf {
+        self.root.join(folder).join(name)
+    }
+
+    pub fn is_read_only(&self) -> bool {
+        self.overlay.is_some()
+    }
+
+    /// A name in this run's folder that nobody else uses.
+    pub fn fresh(&self) -> PathBuf {
+        let n = self.names.fetch_add(1, Ordering::Relaxed);
+        self.write.join("tmp").join(format!("{:016x}", self.id)).join(n.to_string())
+    }
+
+    /// Writes a state file whole, or not at all.
+    pub fn put_state(&self, folder: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
+        if self.is_read_only() {
+            return Ok(());
+        }
+        let fresh = self.fresh();
+        fs::write(&fresh, bytes)?;
+        let path = self.state(folder, name);
+        match fs::rename(&fresh, &path) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                fs::create_dir_all(self.root.join(folder))?;
+                fs::rename(&fresh, &path)
+            }
+            other => other,
+        }
+    }
+
+    /// Claims a key, so that two processes do not compute it at once. None where there are no claims.
+    pub fn claim(&self, key: &Digest) -> Option<Claim> {
+        let at = u64::from_le_bytes(key.0[..8].try_into().expect("eight bytes"));
+        self.locks.as_ref().map(|l| l.claim(at))
+    }
+
+    // ----------------------------------------------------------------------------------------------- results
+
+    /// Reads what other processes have added.
+    pub fn refresh(&self) -> io::Result<()> {
+        let mut index = self.index.lock().unwrap();
+        let mut paths: Vec<PathBuf> = match fs::read_dir(self.root.join("packs")) {
+            Ok(entries) => entries.filter_map(|e| Some(e.ok()?.path())).collect(),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
+            Err(e) => return Err(e),
+        };
+        paths.retain(|p| p.extension().is_some_and(|e| e == "pack") && !index.packs.iter().any(|k| k.path == *p));
+        paths.sort();
+        for path in paths {
+            if let Ok(file) = open(&path) {
+                index.packs.push(Pack { file: Arc::new(file), path, scanned: 0, own: false });
+            }
+        }
+        for i in 0..index.packs.len() {
+            let pack = &index.packs[i];
+            if pack.own || pack.file.metadata().map_or(0, |m| m.len()) <= pack.scanned {
+                continue;
+            }
+            let Ok(scan) = pack::scan(&pack.file, pack.scanned) else { continue };
+            index.packs[i].scanned = scan.end;
+            for frame in scan.frames {
+                index.add(i, frame);
+            }
+        }
+        Ok(())
+    }
+
+    /// The whole and undamaged result of `key`.
+    pub fn lookup(&self, key: &Digest) -> Option<Record> {
+        let (file, frame) = {
+            let index = self.index.lock().unwrap();
+            let &(pack, frame) = index.results.get(key)?;
+            (index.packs[pack].file.clone(), frame)
+        };
+        let record = pack::read(&file, &frame).ok().and_then(|bytes| Record::of_bytes(&bytes, key));
+        let mut index = self.index.lock().unwrap();
+        match record {
+            None => {
+                index.results.remove(key);
+                index.troubles.push("a result in the cache is damaged; it is computed again".to_string());
+                None
+            }
+            // Known to be lost, and not made again since.
+            Some(record) if index.damaged.contains(&record.digest) && !has(&index, self, &record.digest) => None,
+            Some(_) if index.dropped.contains(key) => None,
+            record => record,
+        }
+    }
+
+    pub fn put_result(&self, record: &Record) -> io::Result<()> {
+        self.append(What::Result, &record.key, &record.to_bytes())?;
+        self.index.lock().unwrap().dropped.remove(&record.key);
+        Ok(())
+    }
+
+    /// Makes `key` a miss until it is put again.
+    pub fn drop_result(&self, key: &Digest) {
+        self.index.lock().unwrap().dropped.insert(*key);
+    }
+
+    // ----------------------------------------------------------------------------------------------- objects
+
+    /// Keeps bytes that are given in pieces, without joining them.
+    pub fn put(&self, pieces: &[Cow<[u8]>]) -> io::Result<Blob> {
+        let mut hash = blake3::Hasher::new();
+        pieces.iter().for_each(|p| _ = hash.update(p));
+        let digest = Digest(*hash.finalize().as_bytes());
+        let bytes = pieces.iter().map(|p| p.len() as u64).sum();
+        let blob = Blob { digest, bytes };
+        if self.has(&blob) {
+            return Ok(blob);
+        }
+        if bytes <= SMALL {
+            self.append(What::Object, &digest, &pieces.concat())?;
+            return Ok(blob);
+        }
+        let fresh = self.fresh();
+        let mut file = OpenOptions::new().write(true).create_new(true).mode(0o444).open(&fresh)?;
+        let written = pieces.iter().try_for_each(|p| file.write_all(p)).and_then(|()| self.install(&fresh, &digest));
+        if written.is_err() {
+            let _ = fs::remove_file(&fresh);
+        }
+        written.map(|()| blob)
+    }
+
+    /// Whether an object of this digest and size is there. Its bytes are not looked at.
+    pub fn has(&self, blob: &Blob) -> bool {
+        if self.index.lock().unwrap().objects.get(&blob.digest).is_some_and(|(_, f)| u64::from(f.len) == blob.bytes) {
+            return true;
+        }
+        self.places(&blob.digest)
+            .iter()
+            .any(|path| fs::symlink_metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() == blob.bytes))
+    }
+
+    /// The bytes of an object. None if it is missing or damaged; then it is deleted, and remembered as lost.
+    pub fn get(&self, digest: &Digest) -> Option<Vec<u8>> {
+        let mut out = Vec::new();
+        self.read(digest, &mut |piece| {
+            out.extend_from_slice(piece);
+            Ok(())
+        })
+        .ok()
+        .flatten()?;
+        Some(out)
+    }
+
+    /// Gives an object in pieces and its size at the end; none if what was given is not to be used, because the
+    /// object is missing or damaged. Errors are the sink's.
+    pub fn read(&self, digest: &Digest, sink: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<Option<u64>> {
+        let small = {
+            let index = self.index.lock().unwrap();
+            index.objects.get(digest).map(|&(pack, frame)| (index.packs[pack].file.clone(), frame))
+        };
+        if let Some((file, frame)) = small {
+            match pack::read(&file, &frame) {
+                Ok(bytes) if Digest::of(&bytes) == *digest => {
+                    sink(&bytes)?;
+                    return Ok(Some(bytes.len() as u64));
+                }
+                _ => _ = self.index.lock().unwrap().objects.remove(digest),
+            }
+        }
+        for path in self.places(digest) {
+            let Ok(mut file) = open(&path) else { continue };
+            let mut hash = blake3::Hasher::new();
+            let mut piece = vec![0; PIECE];
+            let mut size = 0;
+            let whole = loop {
+                match file.read(&mut piece) {
+                    Ok(0) => break true,
+                    Ok(n) => {
+                        hash.update(&piece[..n]);
+                        sink(&piece[..n])?;
+                        size += n as u64;
+                    }
+                    Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                    Err(_) => break false,
+                }
+            };
+            if whole && hash.finalize().as_bytes() == &digest.0 {
+                return Ok(Some(size));
+            }
+            let _ = fs::remove_file(&path);
+            break;
+        }
+        let mut index = self.index.lock().unwrap();
+        if index.damaged.insert(*digest) {
+            let line = format!("object {} in the cache is missing or damaged; it is computed again", digest.short(6));
+            index.troubles.push(line);
+        }
+        Ok(None)
+    }
+
+    /// What turned out damaged or missing since the last call, a sentence each.
+    pub fn troubles(&self) -> Vec<String> {
+        std::mem::take(&mut self.index.lock().unwrap().troubles)
+    }
+
+    /// The file of a large object, to be cloned by the file system.
+    pub fn path_of(&self, digest: &Digest) -> Option<PathBuf> {
+        self.places(digest).into_iter().find(|p| fs::symlink_metadata(p).is_ok_and(|m| m.is_file()))
+    }
+
+    fn places(&self, digest: &Digest) -> Vec<PathBuf> {
+        let roots = if self.overlay.is_some() { vec![&self.write, &self.root] } else { vec![&self.root] };
+        roots.into_iter().map(|root| object_path(root, digest)).collect()
+    }
+
+    /// Gives a finished file its name.
+    fn install(&self, fresh: &Path, digest: &Digest) -> io::Result<()> {
+        let path = object_path(&self.write, digest);
+        match fs::rename(fresh, &path) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                fs::create_dir_all(path.parent().expect("objects lie in folders"))?;
+                fs::rename(fresh, &path)
+            }
+            other => other,
+        }
+    }
+
+    fn append(&self, what: What, name: &Digest, body: &[u8]) -> io::Result<()> {
+        let mut own = self.own.lock().unwrap();
+        if own.is_none() {
+            let path = self.write.join("packs").join(format!("{:016x}.pack", self.id));
+            let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path)?;
+            let reader = Arc::new(file.try_clone()?);
+            self.index.lock().unwrap().packs.push(Pack { file: reader, path, scanned: 0, own: true });
+            *own = Some(Appender::new(file));
+        }
+        let frame = own.as_mut().expect("made above").append(what, name, body)?;
+        let mut index = self.index.lock().unwrap();
+        let pack = index.packs.iter().position(|p| p.own).expect("made above");
+        index.add(pack, frame);
+        Ok(())
+    }
+
+    /// Removes what runs that died left in `tmp`.
+    fn sweep(&self) {
+        let Some(locks) = &self.locks else { return };
+        let Ok(entries) = fs::read_dir(self.root.join("tmp")) else { return };
+        for entry in entries.flatten() {
+            let id = entry.file_name().to_str().and_then(|n| u64::from_str_radix(n, 16).ok());
+            if let Some(id) = id.filter(|&id| id != self.id)
+                && !locks.is_held(id)
+            {
+                let _ = fs::remove_dir_all(entry.path());
+            }
+        }
+    }
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(self.write.join("tmp").join(format!("{:016x}", self.id)));
+    }
+}
+
+impl crate::op::Blobs for Store {
+    fn put(&self, bytes: &[u8]) -> io::Result<Blob> {
+        Store::put(self, &[Cow::Borrowed(bytes)])
+    }
+}
+
+impl Index {
+    fn add(&mut self, pack: usize, frame: Frame) {
+        let map = match frame.what {
+            What::Object => &mut self.objects,
+            What::Result => &mut self.results,
+        };
+        map.insert(frame.name, (pack, frame));
+    }
+}
+
+/// Whether an object is there at all, under the index' lock.
+fn has(index: &Index, store: &Store, digest: &Digest) -> bool {
+    index.objects.contains_key(digest)
+        || store.places(digest).iter().any(|p| fs::symlink_metadata(p).is_ok_and(|m| m.is_file()))
+}
+
+fn object_path(root: &Path, digest: &Digest) -> PathBuf {
+    let name = digest.to_string();
+    root.join("objects").join(&name[..2]).join(&name[2..])
+}
+
+/// For reading, never through a link.
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)
+}
+
+fn is_read_only(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied)
+}
+
+/// Folders and marker files. A marker that is not as it should be is rewritten.
+fn prepare(root: &Path, id: u64) -> io::Result<()> {
+    let own = root.join("tmp").join(format!("{id:016x}"));
+    fs::create_dir_all(root.join("packs"))?;
+    fs::create_dir_all(own)?;
+    let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# Made by lodge; can be deleted at any time, and is then computed again.\n";
+    for (name, text) in [("CACHEDIR.TAG", tag), (".gitignore", "*\n")] {
+        let path = root.join(name);
+        if open(&path).and_then(io::read_to_string).is_ok_and(|found| found == text) {
+            continue;
+        }
+        let _ = fs::remove_file(&path);
+        fs::write(&path, text)?;
+    }
+    Ok(())
+}
+
+/// Ids rise with time, so that packs are read in the order of their runs.
+fn fresh_id() -> u64 {
+    let nanos = std::time::UNIX_EPOCH.elapsed().map_or(0, |d| d.as_nanos() as u64);
+    // The low bits of the clock are noise; two processes in one microsecond differ by their id.
+    (nanos & !0xffff) | u64::from(std::process::id() as u16 ^ (nanos as u16).rotate_left(7))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn put(store: &Store, bytes: &[u8]) -> Digest {
+        store.put(&[Cow::Borrowed(bytes)]).unwrap().digest
+    }
+
+    #[test]
+    fn small_and_large_objects_come_back_and_to_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let other = Store::open(folder.path()).unwrap();
+        let (small, large) = (vec![1; 10], vec![2; 10_000]);
+        let digests = [put(&store, &small), put(&store, &large)];
+        other.refresh().unwrap();
+        for store in [&store, &other, &Store::open(folder.path()).unwrap()] {
+            assert_eq!(store.get(&digests[0]).as_ref(), Some(&small));
+            assert_eq!(store.get(&digests[1]).as_ref(), Some(&large));
+            assert_eq!(store.get(&Digest::of(b"absent")), None);
+        }
+        assert!(folder.path().join("CACHEDIR.TAG").exists());
+    }
+
+    #[test]
+    fn a_damaged_object_is_gone_and_can_be_put_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let bytes = vec![3; 5000];
+        let digest = put(&store, &bytes);
+        let path = store.path_of(&digest).unwrap();
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, vec![4; 5000]).unwrap();
+        assert_eq!(store.get(&digest), None);
+        assert!(!path.exists());
+        assert_eq!(put(&store, &bytes), digest);
+        assert_eq!(store.get(&digest), Some(bytes));
+    }
+
+    #[test]
+    fn folders_of_dead_runs_are_swept() {
+        let folder = tempfile::tempdir().unwrap();
+        let living = Store::open(folder.path()).unwrap();
+        let dead = folder.path().join("tmp/00000000000000aa");
+        fs::create_dir_all(&dead).unwrap();
+        let _store = Store::open(folder.path()).unwrap();
+        assert!(!dead.exists());
+        assert!(living.fresh().parent().unwrap().exists());
+    }
+}

@@ -1,0 +1,159 @@
+//! How nodes fail, and what the others do meanwhile.
+
+mod toy;
+
+use lodge::run::event::Status;
+use serde_json::json;
+use toy::{Yard, tree};
+
+fn forked(home: &std::path::Path, fail: &str) -> Yard {
+    let mut yard = Yard::diamond(home);
+    yard.set("left", "fail", json!(fail));
+    let alone = yard.node("alone", "toy-add", json!({"add": 3}), &[2]);
+    yard.node("alone-out", "toy-write", json!({"path": "alone"}), &[alone]);
+    yard
+}
+
+#[test]
+fn the_others_go_on() {
+    for (fail, text) in
+        [("error", "told to fail"), ("panic", "told to panic"), ("panic-inside", "told to panic inside")]
+    {
+        let home = tempfile::tempdir().unwrap();
+        let yard = forked(home.path(), fail);
+        let outcome = yard.run();
+        assert!(!outcome.ok());
+        assert_eq!(yard.names(&outcome, Status::Failed), ["left"]);
+        assert_eq!(yard.names(&outcome, Status::Skipped), ["both", "out"]);
+        assert_eq!(yard.names(&outcome, Status::Ran), ["read", "right", "alone", "alone-out"]);
+        assert!(outcome.nodes.iter().all(|n| n.status != Status::Skipped || n.because.as_deref() == Some("left")));
+        let error = outcome.nodes[1].error.as_ref().unwrap().to_string();
+        assert!(error.contains(text) && error.contains("`left`"), "{error}");
+        assert_eq!(error.contains("tests/toy/mod.rs:"), fail != "error", "{error}");
+        assert!(yard.out().join("alone/index.txt").exists());
+        // The failed node runs again, the others do not.
+        let again = yard.run();
+        assert_eq!(yard.names(&again, Status::Ran), [""; 0]);
+        assert_eq!(yard.names(&again, Status::Failed), ["left"]);
+    }
+}
+
+#[test]
+fn fail_fast_starts_nothing_more() {
+    let home = tempfile::tempdir().unwrap();
+    let yard = forked(home.path(), "error");
+    let mut options = yard.options();
+    options.fail_fast = true;
+    options.jobs = 1;
+    let outcome = yard.run_with(&options);
+    assert_eq!(yard.names(&outcome, Status::Ran), ["read"]);
+    assert_eq!(yard.names(&outcome, Status::Skipped).len(), 5);
+}
+
+#[test]
+fn a_stopped_run_keeps_what_is_finished() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.set("both", "slow-ms", json!(20_000));
+    let options = yard.options();
+    let stop = options.stop.clone();
+    let started = std::time::Instant::now();
+    let outcome = lodge::run::run(&yard.graph(), &[], &options, &mut |event| {
+        if let lodge::run::event::Event::NodeStarted { node, .. } = event
+            && node == "both"
+        {
+            stop.store(true, std::sync::atomic::Ordering::SeqCst);
+        }
+    });
+    assert!(outcome.interrupted && started.elapsed().as_secs_f64() < 5.0);
+    yard.set("both", "slow-ms", json!(0));
+    assert_eq!(yard.ran(), ["both", "out"]);
+}
+
+#[test]
+fn rejects_fail_a_node_also_on_a_hit() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.file("data.txt", "1 two 3");
+    assert_eq!(yard.ran().len(), 5);
+    let outcome = yard.run();
+    let record = outcome.nodes[0].record.as_ref().unwrap();
+    assert_eq!(record.rejects, 1);
+    assert_eq!(record.summary()["rejects"], json!({"not a number": 1}));
+    assert_eq!(record.summary()["read"], json!(3));
+    yard.fail_on_reject = true;
+    let outcome = yard.run();
+    assert_eq!(yard.names(&outcome, Status::Failed), ["read"]);
+    assert_eq!(yard.names(&outcome, Status::Ran), [""; 0]);
+}
+
+#[test]
+fn warnings_are_repeated_by_hits() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.set("left", "warn", json!("mind the gap"));
+    for status in [Status::Ran, Status::Cached] {
+        let outcome = yard.run();
+        assert_eq!(outcome.nodes[1].status, status);
+        assert_eq!(outcome.nodes[1].warnings, ["mind the gap"]);
+    }
+}
+
+#[test]
+fn a_missing_input_fails_its_reader_only() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.node("other", "toy-add", json!({"more": 3}), &[]);
+    yard.set("read", "path", json!("absent.txt"));
+    let outcome = yard.run();
+    assert_eq!(yard.names(&outcome, Status::Failed), ["read"]);
+    assert_eq!(yard.names(&outcome, Status::Ran), ["other"]);
+    assert!(outcome.nodes[0].error.as_ref().unwrap().message.contains("absent.txt"));
+}
+
+#[test]
+fn an_input_that_changes_while_it_is_read_keeps_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.set("read", "slow-ms", json!(200));
+    let path = home.path().join("data.txt");
+    let outcome = lodge::run::run(&yard.graph(), &[], &yard.options(), &mut |event| {
+        if let lodge::run::event::Event::NodeStarted { node, .. } = event
+            && node == "read"
+        {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            std::fs::write(&path, "7 8 9").unwrap();
+        }
+    });
+    assert_eq!(yard.names(&outcome, Status::Failed), ["read"]);
+    assert!(outcome.nodes[0].error.as_ref().unwrap().message.contains("changed while it was read"));
+    assert_eq!(yard.ran().len(), 5);
+    assert!(std::fs::read_to_string(yard.out().join("files/n/0.txt")).unwrap().starts_with('8'));
+}
+
+#[test]
+fn any_number_of_threads_and_any_folder_give_the_same_bytes() {
+    let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let mut trees = Vec::new();
+    let mut digests = Vec::new();
+    for (home, jobs) in [(&a, 1), (&a, 2), (&b, 8)] {
+        let yard = Yard::diamond(home.path());
+        let _ = std::fs::remove_dir_all(home.path().join(".lodge"));
+        let _ = std::fs::remove_dir_all(yard.out());
+        let mut options = yard.options();
+        options.jobs = jobs;
+        let outcome = yard.run_with(&options);
+        assert!(outcome.ok());
+        trees.push(tree(&yard.out()));
+        digests.push(
+            outcome
+                .nodes
+                .iter()
+                .map(|n| n.record.as_ref().unwrap().clone())
+                .map(|r| (r.key, r.digest))
+                .collect::<Vec<_>>(),
+        );
+    }
+    assert!(trees.windows(2).all(|w| w[0] == w[1]));
+    assert!(digests.windows(2).all(|w| w[0] == w[1]));
+}
