@@ -15,7 +15,7 @@ pub mod op;
 pub mod ops;
 
 pub mod graph;
-pub mod spec;
 pub mod run;
+pub mod spec;
 
 pub mod cli;

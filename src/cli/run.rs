@@ -111,7 +111,7 @@ fn table(graph: &Graph, outcome: &run::Outcome) -> String {
         let bytes = node.record.as_ref().map_or(String::new(), |r| size(r.bytes + r.blob_bytes));
         let time = if node.status == Status::Skipped { String::new() } else { time(node.seconds) };
         let why = node.because.as_ref().map_or(String::new(), |b| format!("  because of `{b}`"));
-        out += &format!("{name:width$}  {:8}{time:>9}{bytes:>11}{why}", node.status.name()).trim_end();
+        out += format!("{name:width$}  {:8}{time:>9}{bytes:>11}{why}", node.status.name()).trim_end();
         out.push('\n');
         for warning in &node.warnings {
             out += &format!("{:width$}  warning: {warning}\n", "");

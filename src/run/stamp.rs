@@ -120,7 +120,7 @@ pub fn is_remote(path: &Path) -> bool {
     let mut at = path;
     loop {
         match nix::sys::statfs::statfs(at) {
-            Ok(found) => return !LOCAL.contains(&(i64::from(found.filesystem_type().0) & 0xffff_ffff)),
+            Ok(found) => return !LOCAL.contains(&(found.filesystem_type().0 & 0xffff_ffff)),
             Err(_) => match at.parent() {
                 Some(parent) if !parent.as_os_str().is_empty() => at = parent,
                 _ => return true,
