@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use lodge::artifact::Footprints;
+use lodge::artifact::{Buildings, Footprints};
 use lodge::diag::{Findings, Result};
 use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::ops::read_cityjson::ReadCityjson;
 use lodge::ops::read_geojson::ReadGeojson;
 
 /// Runs a reader on files in memory, with parameters as TOML.
@@ -54,6 +55,53 @@ fn every_building_of_the_real_files() {
         assert_eq!(out.len() as u64, accepted);
         if expected[0] > 0 {
             assert_eq!(read, expected[0]);
+        }
+    }
+}
+
+#[test]
+fn every_building_of_the_city_models() {
+    for (file, buildings, parts, lods) in [
+        ("3dbag_tile5908_99b.city.jsonl", 99, 100, &[("0", 99), ("1.2", 99), ("1.3", 99), ("2.2", 99)][..]),
+        ("3dbag_tile901_52b.city.jsonl", 52, 52, &[("0", 52), ("1.2", 52), ("1.3", 52), ("2.2", 52)]),
+        ("3dbag_multi_lod_10b.city.json", 10, 0, &[("1.2", 10), ("1.3", 10), ("2.2", 10)]),
+        ("vienna_lod2.city.jsonl", 149, 443, &[("2", 149)]),
+        ("delft_lod1_themes.city.json", 160, 0, &[("1", 160)]),
+    ] {
+        let path = format!("citylod/{file}");
+        let Some(file) = data(&path) else { return };
+        let (out, findings) = read::<ReadCityjson>("", &[file]);
+        println!("{path}: {:?} {:?} {:?}", findings.facts, findings.warnings, findings.rejects);
+        let out: Buildings = out.unwrap();
+        let [_, accepted, rejected, _] = counts(&findings);
+        assert_eq!((accepted, rejected), (buildings, 0), "{path}");
+        assert_eq!(findings.facts["parts"], parts, "{path}");
+        let mut found = std::collections::BTreeMap::<&str, u64>::new();
+        out.lods.iter().for_each(|l| *found.entry(l).or_default() += 1);
+        assert_eq!(found.into_iter().collect::<Vec<_>>(), lods, "{path}");
+    }
+}
+
+#[test]
+fn every_conformance_case() {
+    let Some(folder) = std::env::var_os("LODGE_DATA") else {
+        println!("skipped: LODGE_DATA is not set");
+        return;
+    };
+    let folder = PathBuf::from(folder).join("peer/cityjson/conformance_v2_0");
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    assert_eq!(files.len(), 34);
+    for path in files {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let (out, findings) = read::<ReadCityjson>("max-rejected = 1.0", &[(&name, std::fs::read(&path).unwrap())]);
+        let said = match out {
+            Ok(out) => format!("{} buildings, {:?}", out.len(), out.lods.iter().collect::<Vec<_>>()),
+            Err(e) => e.to_string(),
+        };
+        println!("{name}: {said} {:?}", findings.facts);
+        if findings.facts.contains_key("read") {
+            counts(&findings);
         }
     }
 }

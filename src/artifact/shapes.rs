@@ -58,6 +58,17 @@ impl<P: Copy> Shapes<P> {
     pub fn end_shape(&mut self) {
         self.shapes.push(self.polygons.len() as u32 - 1);
     }
+    /// Shapes, polygons, rings, points: a mark to go back to with `cut`.
+    pub fn mark(&self) -> [usize; 4] {
+        [self.shapes.len(), self.polygons.len(), self.rings.len(), self.points.len()]
+    }
+    /// Takes back what was pushed since `mark`.
+    pub fn cut(&mut self, mark: [usize; 4]) {
+        self.shapes.truncate(mark[0]);
+        self.polygons.truncate(mark[1]);
+        self.rings.truncate(mark[2]);
+        self.points.truncate(mark[3]);
+    }
     /// Appends all shapes of `other`.
     pub fn append(&mut self, other: &Self) {
         let moved = |to: &mut Vec<u32>, from: &[u32]| {

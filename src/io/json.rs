@@ -60,6 +60,11 @@ impl<'a> Json<'a> {
         Self { text, at }
     }
 
+    /// Line breaks since `from`.
+    pub fn lines(&self, from: usize) -> u64 {
+        self.text[from..self.at].iter().map(|&b| u64::from(b == b'\n')).sum()
+    }
+
     pub fn bad<T>(&self, what: impl Into<String>) -> Parsed<T> {
         Err(Stop::Bad { at: self.at, what: what.into() })
     }

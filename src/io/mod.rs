@@ -1,5 +1,6 @@
 //! Bytes to artifacts and back, in the formats' own words.
 
+pub mod cityjson;
 pub mod geojson;
 pub mod gltf;
 pub mod json;

@@ -94,7 +94,13 @@ impl Stream<'_> {
                     self.at = json.at;
                     return Ok(value);
                 }
-                Err(Stop::End) if !self.ended => self.more()?,
+                // Twice as much each time: a long value is not parsed more than a few times over.
+                Err(Stop::End) if !self.ended => {
+                    let enough = 2 * (self.text.len() - self.at);
+                    while !self.ended && self.text.len() - self.at <= enough {
+                        self.more()?;
+                    }
+                }
                 Err(Stop::End) => {
                     let line = self.line_of(self.text.trim_ascii_end().len());
                     return Err(bad_json(self.name, line, "the text ends too early"));

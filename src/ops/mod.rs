@@ -7,6 +7,7 @@ pub mod cut;
 pub mod extrude;
 pub mod landmarks;
 pub mod merge_hulls;
+pub mod read_cityjson;
 pub mod read_geojson;
 pub mod simplify_polyline;
 pub mod write_glb;
@@ -22,6 +23,7 @@ static LIST: &[Entry] = &[
     Entry::of::<landmarks::FindLandmarks>(),
     Entry::of::<write_glb::WriteGlb>(),
     Entry::of::<write_tileset::WriteTileset>(),
+    Entry::of::<read_cityjson::ReadCityjson>(),
     Entry::of::<read_geojson::ReadGeojson>(),
     Entry::of::<merge_hulls::MergeHulls>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
