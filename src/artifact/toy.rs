@@ -1,8 +1,9 @@
 //! Small made-up cities for tests: footprints of several shapes, their merge tree, and rings with notches.
 
 use super::hulls::HullState;
-use super::{Attributes, Column, Dendrogram, Footprints, Hulls, Shapes, Values};
+use super::{Attributes, Column, Dendrogram, Footprints, Hulls, Landmarks, Shapes, Values};
 use crate::geom::Point;
+use crate::geom::cover::Cover;
 use crate::geom::frame::Frame;
 use crate::geom::predicates::{orient, segments_meet};
 use crate::geom::ring::{area_m2, convex_hull};
@@ -15,11 +16,12 @@ pub fn mix(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Everything that `tile` takes, but the landmarks.
+/// Everything that `tile` takes.
 pub struct Toy {
     pub footprints: Footprints,
     pub dendrogram: Dendrogram,
     pub hulls: Hulls,
+    pub landmarks: Landmarks,
 }
 
 /// The city of these buildings (numbers are identities: the same number is the same building in any row).
@@ -27,7 +29,17 @@ pub fn city(numbers: &[u64], seed: u64) -> Toy {
     let footprints = footprints(numbers, seed);
     let dendrogram = dendrogram(&footprints, numbers);
     let hulls = hulls(&footprints, &dendrogram);
-    Toy { footprints, dendrogram, hulls }
+    let (order, first) = dendrogram.leaf_order();
+    let height: Vec<f64> = order.iter().map(|&b| footprints.height(b as usize)).collect();
+    let landmarks = Landmarks {
+        maxima: Landmarks::maxima_of(&height),
+        size: hulls.buildings.clone(),
+        cluster_height: hulls.height.clone(),
+        order,
+        first,
+        height,
+    };
+    Toy { footprints, dendrogram, hulls, landmarks }
 }
 
 fn footprints(numbers: &[u64], seed: u64) -> Footprints {
@@ -52,7 +64,7 @@ fn footprints(numbers: &[u64], seed: u64) -> Footprints {
         }
         polygons.end_polygon();
         polygons.end_shape();
-        let storeys = if (h >> 48) % 9 == 0 { 5 + (h >> 52) % 25 } else { 2 + (h >> 52) % 3 };
+        let storeys = if (h >> 48) % 4 == 0 { 6 + (h >> 52) % 40 } else { 2 + (h >> 52) % 3 };
         base.push((h >> 40) as f64 % 4.0);
         top.push(base[base.len() - 1] + storeys as f64 * 3.0);
         floors.push(storeys as u32);
@@ -140,7 +152,10 @@ fn hulls(footprints: &Footprints, tree: &Dendrogram) -> Hulls {
             None => shell(c as u32).to_vec(),
             Some([l, r]) => {
                 let inside = [&rings[l as usize][..], &rings[r as usize]];
-                notched(&convex_hull(&inside.concat()), &inside)
+                let hull = convex_hull(&inside.concat());
+                let ring = notched(&hull, &inside);
+                let cover = Cover::new(std::iter::once(&ring[..]));
+                if inside.concat().iter().all(|&p| cover.holds(p)) { ring } else { hull }
             }
         };
         let areas: Vec<f64> = members.iter().map(|&b| footprints.area_m2(b)).collect();
@@ -176,7 +191,7 @@ fn notched(hull: &[Point], inside: &[&[Point]]) -> Vec<Point> {
                 let within = orient(a, m, p) <= 0 && orient(m, b, p) <= 0;
                 let shares = |v: Point| p == v || q == v;
                 let meets = (!shares(a) && segments_meet(a, m, p, q)) || (!shares(b) && segments_meet(m, b, p, q));
-                (p == a || p == b || !within) && !meets
+                [p, q] != [a, b] && (p == a || p == b || !within) && !meets
             })
         };
         if orient(a, m, b) < 0 && inside.iter().all(|r| free(r)) {

@@ -2,9 +2,11 @@
 
 pub mod bounds;
 pub mod chart;
+pub mod cover;
 pub mod crs;
 pub mod distinct;
 pub mod erode;
+pub mod forms;
 pub mod frame;
 pub mod globe;
 pub mod mercator;

@@ -10,6 +10,7 @@ pub mod merge_hulls;
 pub mod read_cityjson;
 pub mod read_geojson;
 pub mod simplify_polyline;
+pub mod tile;
 pub mod write_glb;
 pub mod write_tileset;
 
@@ -21,10 +22,11 @@ static LIST: &[Entry] = &[
     Entry::of::<cut::Cut>(),
     Entry::of::<extrude::Extrude>(),
     Entry::of::<landmarks::FindLandmarks>(),
-    Entry::of::<write_glb::WriteGlb>(),
-    Entry::of::<write_tileset::WriteTileset>(),
+    Entry::of::<merge_hulls::MergeHulls>(),
     Entry::of::<read_cityjson::ReadCityjson>(),
     Entry::of::<read_geojson::ReadGeojson>(),
-    Entry::of::<merge_hulls::MergeHulls>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
+    Entry::of::<tile::Tile>(),
+    Entry::of::<write_glb::WriteGlb>(),
+    Entry::of::<write_tileset::WriteTileset>(),
 ];

@@ -1,0 +1,46 @@
+//! The error of what is drawn, measured in metres.
+
+use super::city::City;
+use crate::geom::bounds::{Bounds, shown_error};
+
+/// Share of a drawn area's negative space, and of a height difference times width, that is seen at the angle from
+/// which cities are looked at: its sine and cosine. Doubling either costs 5 % at most (LEGIBILITY).
+pub const SEEN_FLAT: f64 = 0.6;
+pub const SEEN_TALL: f64 = 0.8;
+
+/// e0 of a block: the negative-space box's side on the screen at most.
+pub fn e0(negative_space: f64, bounds: Bounds, height: f64) -> f64 {
+    shown_error(negative_space, bounds.sides(), height)
+}
+
+/// The height above which a node's members are its landmarks.
+pub fn limit(city: &City, x: u32, e0: f64) -> f64 {
+    city.height(x) + city.skyline * e0
+}
+
+/// Largest height difference between a node's block and a member that is not drawn beside it: heights above the own
+/// ground, and roofs (they differ on slopes).
+pub fn off(city: &City, x: u32, drawn: impl Fn(usize) -> bool) -> f64 {
+    let (height, roof) = (city.height(x), city.ground(x) + city.height(x));
+    let one = |p: usize| (city.marks.height[p] - height).abs().max((city.roof[p] - roof).abs());
+    city.places(x).filter(|&p| !drawn(p)).map(one).fold(0.0, f64::max)
+}
+
+/// Error of a node's ring, and its triangles together with its landmarks' as they are. Of a leaf: of the original.
+pub fn of_ring(city: &City, x: u32) -> (f64, u64) {
+    if city.is_leaf(x) {
+        return (0.0, city.triangles[x as usize]);
+    }
+    let cluster = city.cluster[x as usize] as usize;
+    if city.hulls.ring(cluster).len() < 3 {
+        // Nothing would stand over its members: never drawn.
+        return (f64::INFINITY, 0);
+    }
+    let ring = Bounds::of(city.hulls.points(cluster));
+    let e0 = e0(city.negative_space(x), ring, city.height(x));
+    let limit = limit(city, x, e0);
+    let landmark = |p: usize| city.marks.height[p] > limit;
+    let own = super::forms::prism(city.hulls.ring(cluster).len());
+    let beside = city.places(x).filter(|&p| landmark(p)).map(|p| u64::from(city.originals.triangles[p]));
+    (e0.max(off(city, x, landmark)), u64::from(own) + beside.sum::<u64>())
+}
