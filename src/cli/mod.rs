@@ -1,11 +1,14 @@
 //! The command line: the list of commands and what they have in common. One command, one file; in each a struct
 //! `Args` (clap) with `run(self, &Globals) -> Outcome`. A new command is three lines here.
 
+mod accept;
 mod check;
 mod engine;
 mod ops;
+mod reject;
 pub mod render;
 mod run;
+mod test;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -29,20 +32,29 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Pending snapshots become the snapshots
+    Accept(accept::Args),
     /// Find every mistake that can be known without reading data
     Check(check::Args),
     /// The manual of the operators, from their own declarations
     Ops(ops::Args),
+    /// Throw pending snapshots away
+    Reject(reject::Args),
     /// Run what is needed and publish what writers made
     Run(run::Args),
+    /// Compare each stage with its snapshot
+    Test(test::Args),
 }
 
 impl Command {
     fn run(self, globals: &Globals) -> Outcome {
         match self {
+            Command::Accept(args) => args.run(globals),
             Command::Check(args) => args.run(globals),
             Command::Ops(args) => args.run(globals),
+            Command::Reject(args) => args.run(globals),
             Command::Run(args) => args.run(globals),
+            Command::Test(args) => args.run(globals),
         }
     }
 }

@@ -12,6 +12,7 @@ pub mod lock;
 pub mod pack;
 pub mod publish;
 pub mod record;
+pub mod snapshot;
 pub mod stamp;
 pub mod store;
 

@@ -1,0 +1,165 @@
+//! `lodge test FILE..`: runs, and compares each stage with its snapshot.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+use similar::TextDiff;
+
+use super::engine::{self, Place};
+use super::{Exit, Globals, Outcome, Set, Stop, Target, render};
+use crate::diag::Diagnostic;
+use crate::graph::Graph;
+use crate::run::record::Record;
+use crate::run::snapshot::{self, Rules, Stage, Verdict};
+use crate::run::{self};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Pipeline files
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    set: Set,
+    /// Compare digests: every byte of every stage
+    #[arg(long)]
+    exact: bool,
+}
+
+impl Args {
+    pub fn run(self, globals: &Globals) -> Outcome {
+        let rules = Rules { exact: self.exact, read_only: in_ci() };
+        let mut graphs = Vec::new();
+        let mut mistakes = Vec::new();
+        for file in self.files {
+            let target = Target { file, set: self.set.clone() };
+            match target.load() {
+                Ok(graph) => graphs.push((target.file, Arc::new(graph))),
+                Err(stop) => mistakes.extend(stop.diagnostics),
+            }
+        }
+        if !mistakes.is_empty() {
+            return Err(mistakes.into());
+        }
+        let mut exit = Exit::Done;
+        let mut told = Vec::new();
+        for (file, graph) in graphs {
+            let place = Place::of(globals, &file);
+            let mut options = engine::options(globals, &place);
+            options.out = None;
+            let outcome = run::run(&graph, &[], &options, &mut |_| ());
+            exit = exit.and(super::run::exit(&outcome));
+            let errors: Vec<_> = outcome.nodes.iter().filter_map(|n| n.error.clone()).collect();
+            let errors = [errors, outcome.errors.clone()].concat();
+            eprint!("{}", render::text(&errors, render::Style::for_stderr()));
+
+            let mut stages = Vec::new();
+            for node in &outcome.nodes {
+                if let Some(record) = node.record.as_ref().filter(|_| graph.nodes[node.index].snapshot.on) {
+                    stages.push((node.index, compare(&graph, node.index, record, rules)?));
+                }
+            }
+            let ok = stages.iter().all(|(_, verdict)| *verdict == Verdict::Same);
+            exit = if ok { exit } else { exit.and(Exit::Differs) };
+            if globals.json {
+                told.push(to_json(&graph, &stages));
+            } else if !globals.quiet || !ok {
+                super::say(&to_text(&graph, &stages, rules));
+            }
+        }
+        if globals.json {
+            super::print(&json!({"ok": exit == Exit::Done, "pipelines": told}));
+        }
+        Ok(exit)
+    }
+}
+
+/// As insta sees it: `CI` is set, and not to nothing, `0` or `false`.
+fn in_ci() -> bool {
+    std::env::var("CI").is_ok_and(|v| !["", "0", "false"].contains(&v.as_str()))
+}
+
+fn compare(graph: &Graph, node: usize, record: &Record, rules: Rules) -> Result<Verdict, Stop> {
+    let frame = serde_json::from_str(&record.frame).unwrap_or(Value::Null);
+    let summary = record.summary();
+    let stage = Stage {
+        kind: &record.kind,
+        digest: record.digest,
+        frame: &frame,
+        summary: &summary,
+        warnings: &record.warnings,
+    };
+    let node = &graph.nodes[node];
+    snapshot::check(graph, node, &stage, rules).map_err(|e| {
+        let path = snapshot::path(graph, &node.name);
+        Stop::from(Diagnostic::error("snapshot", format!("{}: {e}", path.display())).node(&node.name))
+    })
+}
+
+/// A line for each stage that is not as it was, with the difference; then how many there are.
+fn to_text(graph: &Graph, stages: &[(usize, Verdict)], rules: Rules) -> String {
+    let mut out = String::new();
+    let [mut new, mut differ] = [0, 0];
+    for (node, verdict) in stages {
+        let name = &graph.nodes[*node].name;
+        match verdict {
+            Verdict::Same => {}
+            Verdict::New { text } => {
+                new += 1;
+                out += &format!("new: {name}\n{}\n", indented(text));
+            }
+            Verdict::Differs { .. } => {
+                differ += 1;
+                out += &format!("differs: {name}\n{}\n", indented(&difference(verdict)));
+            }
+        }
+    }
+    for path in snapshot::orphans(graph) {
+        out += &format!("no such stage any more: {}\n", path.display());
+    }
+    out += &format!("{}: {} stages, {} as they were", graph.name, stages.len(), stages.len() - new - differ);
+    for (count, what) in [(differ, "differ"), (new, "new")] {
+        if count > 0 {
+            out += &format!(", {count} {what}");
+        }
+    }
+    if new + differ > 0 && !rules.read_only {
+        out += "; `lodge accept` takes what is new, `lodge reject` leaves what was";
+    }
+    out + "\n"
+}
+
+fn difference(verdict: &Verdict) -> String {
+    match verdict {
+        Verdict::Differs { old, new } if old == new => "the bytes differ, the summary does not".to_string(),
+        Verdict::Differs { old, new } => {
+            TextDiff::from_lines(old, new).unified_diff().context_radius(2).missing_newline_hint(false).to_string()
+        }
+        _ => String::new(),
+    }
+}
+
+fn indented(text: &str) -> String {
+    text.lines().map(|l| format!("    {l}")).collect::<Vec<_>>().join("\n")
+}
+
+fn to_json(graph: &Graph, stages: &[(usize, Verdict)]) -> Value {
+    let stage = |(node, verdict): &(usize, Verdict)| {
+        let name = &graph.nodes[*node].name;
+        let told = match verdict {
+            Verdict::Same => "same",
+            Verdict::New { .. } => "new",
+            Verdict::Differs { .. } => "differs",
+        };
+        let mut out = json!({"name": name, "verdict": told, "snapshot": snapshot::path(graph, name)});
+        if let Verdict::Differs { .. } = verdict {
+            out["diff"] = json!(difference(verdict));
+        }
+        out
+    };
+    json!({
+        "pipeline": graph.name,
+        "stages": stages.iter().map(stage).collect::<Vec<_>>(),
+        "orphans": snapshot::orphans(graph),
+    })
+}

@@ -1,0 +1,223 @@
+//! A stage's summary against its `.snap` file: `snapshots/<pipeline>__<node>.snap` beside the pipeline.
+//!
+//! The files are insta's (`file`), the text is ours (`text`). Numbers within the node's tolerance are the same text:
+//! the old one stays, only the digest beside it is kept up to date. What differs or is new lies as `.snap.new`
+//! beside its file until it is accepted or rejected, by us or by `cargo insta review`.
+
+mod file;
+mod text;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value};
+
+use crate::digest::Digest;
+use crate::graph::{Graph, Node};
+pub use file::Snap;
+pub use text::stage_text;
+
+/// How to compare.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rules {
+    /// Digests, not texts.
+    pub exact: bool,
+    /// Nothing is written (in CI).
+    pub read_only: bool,
+}
+
+/// What a comparison came to.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Equal, or within the tolerance.
+    Same,
+    /// There is no snapshot yet.
+    New { text: String },
+    /// Text and text; equal where only the digests were compared and differ.
+    Differs { old: String, new: String },
+}
+
+/// What a snapshot shows of a node's result.
+#[derive(Clone, Copy, Debug)]
+pub struct Stage<'a> {
+    pub kind: &'a str,
+    pub digest: Digest,
+    /// The artifact's frame as JSON, or null.
+    pub frame: &'a Value,
+    pub summary: &'a Map<String, Value>,
+    pub warnings: &'a [String],
+}
+
+/// Compares the stage of `node` with its file.
+pub fn check(graph: &Graph, node: &Node, stage: &Stage, rules: Rules) -> io::Result<Verdict> {
+    let new = snap(graph, node, stage);
+    let path = path(graph, &node.name);
+    let pending = pending_of(&path);
+    let Some(old) = read(&path)? else {
+        write(&pending, &new, rules)?;
+        return Ok(Verdict::New { text: new.contents });
+    };
+    let same = if rules.exact || node.snapshot.exact {
+        old.info("digest") == new.info("digest")
+    } else {
+        text::same(&old.contents, &new.contents, node.snapshot.abs, node.snapshot.rel)
+    };
+    if !same {
+        write(&pending, &new, rules)?;
+        return Ok(Verdict::Differs { old: old.contents, new: new.contents });
+    }
+    let kept = Snap { contents: old.contents.clone(), ..new };
+    if kept != old {
+        write(&path, &kept, rules)?;
+    }
+    if !rules.read_only && pending.exists() {
+        std::fs::remove_file(&pending)?;
+    }
+    Ok(Verdict::Same)
+}
+
+fn snap(graph: &Graph, node: &Node, stage: &Stage) -> Snap {
+    let file = graph.file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let info = [
+        ("node", node.name.clone()),
+        ("op", node.entry.name.to_string()),
+        ("version", node.entry.version.to_string()),
+        ("digest", stage.digest.to_string()),
+        ("absolute", node.snapshot.abs.to_string()),
+        ("relative", node.snapshot.rel.to_string()),
+    ];
+    Snap {
+        description: format!("{} by {}", stage.kind, node.entry.name),
+        expression: format!("lodge show {file} {}", node.name),
+        source: file,
+        info: info.map(|(k, v)| (k.to_string(), v)).to_vec(),
+        contents: stage_text(stage),
+    }
+}
+
+/// Where the snapshot of a node (or variant) lies.
+pub fn path(graph: &Graph, node: &str) -> PathBuf {
+    folder(&graph.file).join(format!("{}__{}.snap", graph.name, file_name(node)))
+}
+
+/// Where the snapshots of a pipeline file lie.
+pub fn folder(pipeline: &Path) -> PathBuf {
+    pipeline.parent().unwrap_or(Path::new("")).join("snapshots")
+}
+
+/// `roof[columns=32,morph=0]` as part of a file name: `roof-columns-32-morph-0`.
+pub fn file_name(node: &str) -> String {
+    node.chars().filter(|&c| c != ']').map(|c| if matches!(c, '[' | '=' | ',') { '-' } else { c }).collect()
+}
+
+fn pending_of(path: &Path) -> PathBuf {
+    path.with_extension("snap.new")
+}
+
+fn read(path: &Path) -> io::Result<Option<Snap>> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(Some(Snap::parse(&text))),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(e),
+    }
+}
+
+fn write(path: &Path, snap: &Snap, rules: Rules) -> io::Result<()> {
+    if rules.read_only {
+        return Ok(());
+    }
+    std::fs::create_dir_all(path.parent().expect("a snapshot lies in a folder"))?;
+    std::fs::write(path, snap.to_text())
+}
+
+/// Files of `pipeline` that belong to no node: what a removed or renamed one left behind.
+pub fn orphans(graph: &Graph) -> Vec<PathBuf> {
+    let known: Vec<PathBuf> = graph.nodes.iter().filter(|n| n.snapshot.on).map(|n| path(graph, &n.name)).collect();
+    let prefix = format!("{}__", graph.name);
+    let mut out: Vec<PathBuf> = entries(&folder(&graph.file))
+        .into_iter()
+        .filter(|p| p.extension().is_some_and(|e| e == "snap") && !known.contains(p))
+        .filter(|p| p.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&prefix)))
+        .collect();
+    out.sort();
+    out
+}
+
+/// A `.snap.new` that waits for a word.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pending {
+    pub path: PathBuf,
+    /// `town`.
+    pub pipeline: String,
+    /// With its variant.
+    pub node: String,
+}
+
+impl Pending {
+    /// The node of that name, or any variant of it.
+    pub fn is_of(&self, node: &str) -> bool {
+        self.node == node || self.node.split('[').next() == Some(node)
+    }
+
+    /// It becomes the snapshot.
+    pub fn accept(&self) -> io::Result<()> {
+        std::fs::rename(&self.path, self.path.with_extension(""))
+    }
+
+    pub fn reject(&self) -> io::Result<()> {
+        std::fs::remove_file(&self.path)
+    }
+}
+
+/// What waits in a `snapshots` folder, by name.
+pub fn pending(folder: &Path) -> io::Result<Vec<Pending>> {
+    let mut out = Vec::new();
+    for path in entries(folder) {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let Some((pipeline, node)) = name.strip_suffix(".snap.new").and_then(|n| n.split_once("__")) else { continue };
+        let node = match read(&path)?.as_ref().and_then(|s| s.info("node")) {
+            Some(told) => told.to_string(),
+            None => node.to_string(),
+        };
+        out.push(Pending { pipeline: pipeline.to_string(), node, path });
+    }
+    out.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok(out)
+}
+
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    std::fs::read_dir(folder).map(|all| all.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_have_plain_file_names() {
+        assert_eq!(file_name("roof[columns=32,morph=0.5]"), "roof-columns-32-morph-0.5");
+        assert_eq!(
+            pending_of(Path::new("a/town__cut-max-error-0.5.snap")),
+            Path::new("a/town__cut-max-error-0.5.snap.new")
+        );
+    }
+
+    #[test]
+    fn pending_files_are_found_accepted_and_rejected() {
+        let folder = tempfile::tempdir().unwrap();
+        let snap =
+            |node: &str| Snap { info: vec![("node".into(), node.into())], contents: "Hulls".into(), ..Snap::default() };
+        for (name, node) in [("t__cut-n-1", "cut[n=1]"), ("t__cut-n-2", "cut[n=2]"), ("t__cutter", "cutter")] {
+            std::fs::write(folder.path().join(name).with_extension("snap.new"), snap(node).to_text()).unwrap();
+        }
+        let all = pending(folder.path()).unwrap();
+        let of_cut: Vec<&Pending> = all.iter().filter(|p| p.is_of("cut")).collect();
+        assert_eq!(of_cut.iter().map(|p| &p.node[..]).collect::<Vec<_>>(), ["cut[n=1]", "cut[n=2]"]);
+        assert!(all.iter().all(|p| p.pipeline == "t"));
+        of_cut[0].accept().unwrap();
+        of_cut[1].reject().unwrap();
+        assert_eq!(pending(folder.path()).unwrap().len(), 1);
+        assert_eq!(read(&folder.path().join("t__cut-n-1.snap")).unwrap(), Some(snap("cut[n=1]")));
+        assert_eq!(pending(Path::new("/nowhere")).unwrap(), []);
+    }
+}
