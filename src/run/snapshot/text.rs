@@ -37,6 +37,12 @@ fn entry(key: &str, value: &Value, depth: usize, out: &mut String) {
             *out += &format!("{indent}{key}:\n");
             table(rows, depth + 1, out);
         }
+        Value::Array(rows) if !rows.is_empty() && rows.iter().all(Value::is_array) => {
+            *out += &format!("{indent}{key}:\n");
+            for row in rows.iter().flat_map(Value::as_array) {
+                *out += &format!("{indent}  {}\n", row.iter().map(scalar).collect::<Vec<_>>().join(" "));
+            }
+        }
         Value::Array(items) if !items.is_empty() => {
             let items: Vec<String> = items.iter().map(scalar).collect();
             *out += &format!("{indent}{key}: {}\n", items.join(" "));
@@ -139,6 +145,7 @@ mod tests {
             "rejects": {"height is not above 0": 2},
             "levels": [{"depth": 0, "error": 10.25}, {"depth": 11, "error": 0.1 + 0.2, "note": "7"}],
             "nothing": [],
+            "corners": [[0.5, 1], [2, 3]],
             "crs": "EPSG:28992",
         }));
         let expected = "\
@@ -146,6 +153,9 @@ Hulls
 area_m2: 12.0
 bounds_m: -1.5 2 1e-9
 clusters: 3
+corners:
+  0.5 1
+  2 3
 crs: EPSG:28992
 levels:
   depth  error  note
