@@ -60,3 +60,75 @@ fn what_is_no_utf8_says_where() {
     let wrong = Graph::load(folder.path(), &[], &toys::TOYS).unwrap_err();
     assert_eq!(wrong[0].code, "missing-file");
 }
+
+/// A text with pieces cut out, doubled, replaced by other pieces of it or by odd ones.
+fn mutated(text: &str, edits: &[(usize, usize, usize, u8)]) -> Vec<u8> {
+    const ODD: [&str; 24] = [
+        "",
+        "\n",
+        "=",
+        "[",
+        "]",
+        "{",
+        "}",
+        "\"",
+        "'''",
+        ".",
+        ",",
+        "${",
+        "}",
+        "$",
+        "nan",
+        "-1",
+        "1e999",
+        "0x",
+        "\u{feff}",
+        "ä",
+        "\0",
+        "node",
+        "[node.x]\n",
+        "matrix.keep = [1, 1.0]\n",
+    ];
+    let mut bytes = text.as_bytes().to_vec();
+    for &(at, length, from, kind) in edits {
+        let at = at % (bytes.len() + 1);
+        let end = (at + length % 12).min(bytes.len());
+        let from = from % (bytes.len() + 1);
+        let piece = match kind as usize {
+            k if k < ODD.len() => ODD[k].as_bytes().to_vec(),
+            k if k < 60 => bytes[from..(from + k).min(bytes.len())].to_vec(),
+            k => vec![k as u8],
+        };
+        bytes.splice(at..end, piece);
+    }
+    bytes
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::test_runner::Config { cases: 400, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn no_text_makes_it_panic(
+        pick in 0usize..1000,
+        edits in proptest::collection::vec((0usize..4000, 0usize..40, 0usize..4000, 0u8..=255), 1..6),
+        sets in proptest::collection::vec("(node\\.)?[a-z.]{0,8}=?[0-9a-z\\[\\]{}\"$.]{0,6}", 0..2),
+    ) {
+        let corpus = corpus();
+        let file = &corpus[pick % corpus.len()];
+        let folder = tempfile::tempdir().unwrap();
+        let broken = folder.path().join("broken.toml");
+        std::fs::write(&broken, mutated(&std::fs::read_to_string(file).unwrap(), &edits)).unwrap();
+        match Graph::load(&broken, &sets, &toys::TOYS) {
+            Ok(graph) => {
+                for (i, node) in graph.nodes.iter().enumerate() {
+                    assert!(node.inputs.iter().flatten().all(|&j| j < i));
+                }
+            }
+            Err(all) => {
+                assert!(!all.is_empty());
+                render::text(&all, Style::Plain);
+                render::all_json(&all);
+            }
+        }
+    }
+}

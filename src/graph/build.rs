@@ -83,6 +83,7 @@ fn draft<'a>(key: &'a Key, node: &'a Val, registry: &Registry, wrong: &mut Wrong
                 let d = Diagnostic::error("unknown-operator", format!("there is no operator `{text}`"));
                 let d = d.at(span.clone()).value(text).node(&key.name);
                 wrong.push(match did_you_mean(text, registry.0.iter().map(|e| e.name)) {
+                    _ if text.contains("${") => d.help("`${name}` works in parameters only"),
                     near @ Some(_) => d.help_nearest(near),
                     None => d.help("`lodge ops` lists the operators"),
                 });
@@ -153,9 +154,12 @@ fn make(
     let file_params = marked(properties, "x-file");
     let (mut files, mut globs) = (Vec::new(), Vec::new());
     let mut params = Map::new();
+    let mut meant: Vec<String> = Vec::new();
     for (key, value) in given {
         let Some(property) = properties.get(&key.name) else {
-            wrong.push(unknown_parameter(entry, properties, key));
+            let d = unknown_parameter(entry, properties, key);
+            meant.push(d.suggestion.clone().unwrap_or_default());
+            wrong.push(d);
             continue;
         };
         let so_far = wrong.len();
@@ -165,7 +169,9 @@ fn make(
         }
         params.insert(key.name.clone(), json);
     }
-    for name in required(schema).into_iter().filter(|n| given.iter().all(|(k, _)| k.name != *n)) {
+    let is_given = |name: &str| given.iter().any(|(k, _)| k.name == name);
+    let is_meant = |name: &str| meant.iter().any(|m| m.contains(&format!("mean `{name}`")));
+    for name in required(schema).into_iter().filter(|n| !is_given(n) && !is_meant(n)) {
         let d = Diagnostic::error("missing-parameter", format!("`{}` needs `{name}`", entry.name));
         let d = d.at(draft.key.span.clone()).value(&name);
         wrong.push(match properties[&name]["description"].as_str().and_then(|t| t.lines().next()) {

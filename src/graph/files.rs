@@ -36,7 +36,7 @@ pub fn inputs(
                         say("missing-file", format!("`{name}`: no file matches {shown}"));
                     }
                     Ok(found) => files.extend(found),
-                    Err(e) => say("missing-file", format!("`{name}`: {e}")),
+                    Err(e) => say("missing-file", format!("`{name}`: {shown}: {e}")),
                 }
                 globs.push(pattern);
             }
@@ -58,7 +58,7 @@ pub fn expand(pattern: &Path) -> Result<Vec<PathBuf>, String> {
     let options =
         glob::MatchOptions { case_sensitive: true, require_literal_separator: true, require_literal_leading_dot: true };
     let paths = glob::glob_with(&pattern.to_string_lossy(), options)
-        .map_err(|e| format!("the pattern {} is broken: {}", pattern.display(), e.msg))?;
+        .map_err(|e| format!("the pattern is broken: {}", e.msg))?;
     let mut out = Vec::new();
     for path in paths {
         let path = path.map_err(|e| format!("cannot read {}: {}", e.path().display(), why(e.error())))?;

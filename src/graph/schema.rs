@@ -56,8 +56,9 @@ impl Walker<'_> {
             (Data::List(list), _) => self.check_list(schema, list, value, name),
             (Data::Table(_), _) => self.check_table(schema, value, name),
             (Data::Text(text), _) => {
+                let so_far = self.wrong.len();
                 self.check_length(schema, ["minLength", "maxLength"], text.chars().count(), "character", value, name);
-                value.data.to_json()
+                if self.wrong.len() == so_far { value.data.to_json() } else { Value::Null }
             }
             (Data::Int(n), _) => self.check_range(schema, *n as f64, value, name),
             (Data::Float(n), _) => self.check_range(schema, *n, value, name),

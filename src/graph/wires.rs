@@ -45,9 +45,12 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Vec<Box<Diagnostic>>) {
         let vague = if let Some(entry) = entry {
             wires.resize_with(entry.ports.len(), Vec::new);
             let ports = ports_of(table, &mut found);
+            let mut meant: Vec<String> = Vec::new();
             for (name, value) in ports {
                 let Some(port) = entry.ports.iter().position(|p| port_name(p) == name.name) else {
-                    found.push(unknown_port(entry, name));
+                    let d = unknown_port(entry, name);
+                    meant.push(d.suggestion.clone().unwrap_or_default());
+                    found.push(d);
                     continue;
                 };
                 wires[port] = names(&entry.ports[port], name, value, &index, &mut found);
@@ -55,8 +58,10 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Vec<Box<Diagnostic>>) {
                     check_kind(&entry.ports[port], &drafts[wire.from], wire, &mut found);
                 }
             }
-            for port in entry.ports.iter().filter(|p| !p.optional && ports.iter().all(|(k, _)| k.name != port_name(p)))
-            {
+            let is_given = |name: &str| ports.iter().any(|(k, _)| k.name == name);
+            let is_meant = |name: &str| meant.iter().any(|m| m.contains(&format!("mean `{name}`")));
+            let lacks = |p: &&PortDecl| !p.optional && !is_given(&port_name(p)) && !is_meant(&port_name(p));
+            for port in entry.ports.iter().filter(lacks) {
                 let sentence = format!("port `{}` of `{}` is not connected", port_name(port), entry.name);
                 let help = format!("it takes {}: add `in.{} = \"..\"`", kinds(port), port_name(port));
                 found.push(Diagnostic::error("missing-port", sentence).at(key.span.clone()).help(help));
@@ -158,9 +163,14 @@ fn check_kind(port: &PortDecl, from: &Draft, wire: &Wire, found: &mut Vec<Box<Di
     }
 }
 
-/// `Footprints`, `Mesh or Instances`.
+/// `Footprints`, `Footprints, Hulls or Lines`.
 pub fn kinds(port: &PortDecl) -> String {
-    port.kinds.iter().map(|k| k.name).collect::<Vec<_>>().join(" or ")
+    let names: Vec<_> = port.kinds.iter().map(|k| k.name).collect();
+    match names.split_last() {
+        Some((last, [])) => (*last).to_string(),
+        Some((last, first)) => format!("{} or {last}", first.join(", ")),
+        None => String::new(),
+    }
 }
 
 /// Inputs before users, file order among equals. Nodes in or behind a cycle come last, as vague.

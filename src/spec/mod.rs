@@ -149,9 +149,18 @@ impl Chain {
                 None
             }
         };
-        let mut layer = base?;
-        layer.add(table, wrong);
-        Some(layer)
+        match base {
+            Some(mut layer) => {
+                layer.add(table, wrong);
+                Some(layer)
+            }
+            None => {
+                let mut mistakes = Vec::new();
+                Layer::default().add(table, &mut mistakes);
+                wrong.extend(mistakes.into_iter().filter(|d| d.code != "unknown-node"));
+                None
+            }
+        }
     }
 }
 
@@ -311,7 +320,7 @@ fn bad_name(what: &str, key: &Key) -> Box<Diagnostic> {
     let better = words.map(str::to_ascii_lowercase).collect::<Vec<_>>().join("-");
     let d = Diagnostic::error("bad-name", format!("{what} `{}` must be in kebab-case", key.name));
     let d = d.at(key.span.clone()).value(&key.name);
-    if better.is_empty() { d } else { d.help(format!("write `{better}`")) }
+    if better.is_empty() || !key.name.is_ascii() { d } else { d.help(format!("write `{better}`")) }
 }
 
 fn wrong_shape(name: &str, wanted: &str, v: &Val) -> Box<Diagnostic> {
