@@ -21,6 +21,8 @@ pub trait Op: Serialize + DeserializeOwned + JsonSchema + Default + Send + Sync 
     const VERSION: u32;
     type In: Inputs;
     type Out: Artifact;
+    /// Keys that a run adds to the result's summary ([`Report::fact`]) and what they mean, for the manual.
+    const FACTS: &'static [(&'static str, &'static str)] = &[];
 
     /// What one parameter's schema cannot say ("exactly one of"), before anything runs.
     fn check(&self) -> Vec<Mistake> {
@@ -267,6 +269,8 @@ pub struct Entry {
     /// Port names are Rust's (`snake_case`); in pipeline files `_` is `-`.
     pub ports: &'static [PortDecl],
     pub output: &'static Kind,
+    /// Keys that it adds to the summary of its result.
+    pub facts: &'static [(&'static str, &'static str)],
     pub schema: fn() -> Value,
     /// From parameters that hold to the schema.
     pub build: fn(Value) -> Result<Box<dyn AnyOp>, serde_json::Error>,
@@ -279,6 +283,7 @@ impl Entry {
             version: O::VERSION,
             ports: O::In::PORTS,
             output: O::Out::KIND,
+            facts: O::FACTS,
             schema: || {
                 let settings = schemars::generate::SchemaSettings::draft07().with(|s| s.inline_subschemas = true);
                 settings.into_generator().into_root_schema_for::<O>().to_value()

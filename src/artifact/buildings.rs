@@ -45,7 +45,15 @@ impl Buildings {
 }
 
 impl Artifact for Buildings {
-    const KIND: &'static Kind = &Kind::of::<Self>("Buildings", "surfaces of buildings for each level of detail");
+    const KIND: &'static Kind =
+        &Kind::of::<Self>("Buildings", "surfaces of buildings for each level of detail").keys(&[
+            ("buildings", "number of buildings"),
+            ("geometries", "geometries of all levels of detail"),
+            ("surfaces", "surfaces of all geometries"),
+            ("vertices", "points of all surfaces"),
+            ("lods", "number of geometries by level of detail"),
+            ("bounds_m", "least x, y and greatest x, y in the local frame"),
+        ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -106,7 +106,13 @@ impl Dendrogram {
 }
 
 impl Artifact for Dendrogram {
-    const KIND: &'static Kind = &Kind::of::<Self>("Dendrogram", "merge tree over footprints");
+    const KIND: &'static Kind = &Kind::of::<Self>("Dendrogram", "merge tree over footprints").keys(&[
+        ("leaves", "clusters of one footprint"),
+        ("merges", "merges of two clusters"),
+        ("crossing_merges", "merges across a barrier"),
+        ("max_depth", "merges above the deepest leaf"),
+        ("max_distance_m", "distance of the last merge"),
+    ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -40,7 +40,8 @@ crate::columns! {
 }
 
 impl Artifact for Files {
-    const KIND: &'static Kind = &Kind::of::<Self>("Files", "named files, ready to be published");
+    const KIND: &'static Kind = &Kind::of::<Self>("Files", "named files, ready to be published")
+        .keys(&[("files", "number of files"), ("file_bytes", "their sizes together")]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -42,7 +42,15 @@ impl Footprints {
 }
 
 impl Artifact for Footprints {
-    const KIND: &'static Kind = &Kind::of::<Self>("Footprints", "ground polygons, base and top heights");
+    const KIND: &'static Kind = &Kind::of::<Self>("Footprints", "ground polygons, base and top heights").keys(&[
+        ("footprints", "number of footprints"),
+        ("polygons", "polygons of all footprints"),
+        ("rings", "shells and holes"),
+        ("vertices", "points of all rings"),
+        ("bounds_m", "least x, y and greatest x, y in the local frame"),
+        ("height_min_m", "height of the lowest above its base"),
+        ("height_max_m", "height of the highest above its base"),
+    ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -69,7 +69,19 @@ impl Hulls {
 }
 
 impl Artifact for Hulls {
-    const KIND: &'static Kind = &Kind::of::<Self>("Hulls", "one ring per cluster");
+    const KIND: &'static Kind = &Kind::of::<Self>("Hulls", "one ring per cluster").keys(&[
+        ("hulls", "number of clusters"),
+        ("state", "all: every cluster of the tree; cut: a partition"),
+        ("vertices", "points that the rings use"),
+        ("edges", "edges of all rings"),
+        ("empty", "clusters without a ring"),
+        ("bounds_m", "least x, y and greatest x, y in the local frame"),
+        ("area_m2_sum", "areas of all rings together"),
+        ("negative_space_m2_sum", "their areas without buildings together"),
+        ("root_edges", "edges of the outermost ring"),
+        ("root_area_m2", "its area"),
+        ("root_negative_space_m2", "its area without buildings"),
+    ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -54,7 +54,11 @@ impl Landmarks {
 }
 
 impl Artifact for Landmarks {
-    const KIND: &'static Kind = &Kind::of::<Self>("Landmarks", "buildings by height above their cluster");
+    const KIND: &'static Kind = &Kind::of::<Self>("Landmarks", "buildings by height above their cluster").keys(&[
+        ("buildings", "number of buildings"),
+        ("clusters", "clusters with candidates"),
+        ("tallest_m", "height of the highest building above its cluster"),
+    ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

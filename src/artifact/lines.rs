@@ -30,7 +30,11 @@ impl Lines {
 }
 
 impl Artifact for Lines {
-    const KIND: &'static Kind = &Kind::of::<Self>("Lines", "polylines");
+    const KIND: &'static Kind = &Kind::of::<Self>("Lines", "polylines").keys(&[
+        ("lines", "number of lines"),
+        ("vertices", "points of all lines"),
+        ("bounds_m", "least x, y and greatest x, y in the local frame"),
+    ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -35,7 +35,13 @@ crate::columns! {
 }
 
 impl Artifact for Mesh {
-    const KIND: &'static Kind = &Kind::of::<Self>("Mesh", "triangles with a feature number per vertex");
+    const KIND: &'static Kind = &Kind::of::<Self>("Mesh", "triangles with a feature number per vertex").keys(&[
+        ("vertices", "points of all triangles"),
+        ("triangles", "number of triangles"),
+        ("features", "number of features"),
+        ("<part>_triangles", "triangles of each part: wall, roof, ground, ..."),
+        ("bounds_m", "least and greatest x, y, z in the local frame"),
+    ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

@@ -43,12 +43,22 @@ use sections::{Decoder, Encoder};
 pub struct Kind {
     pub name: &'static str,
     pub doc: &'static str,
+    /// Keys of its summary and what they mean.
+    pub keys: &'static [(&'static str, &'static str)],
     pub decode: fn(&[u8]) -> Result<Arc<dyn AnyArtifact>>,
 }
 
 impl Kind {
     pub const fn of<A: Artifact>(name: &'static str, doc: &'static str) -> Self {
-        Self { name, doc, decode: |bytes| Ok(Arc::new(A::decode(&mut Decoder::new(bytes, A::KIND.name)?)?)) }
+        Self { name, doc, keys: &[], decode: |bytes| Ok(Arc::new(A::decode(&mut Decoder::new(bytes, A::KIND.name)?)?)) }
+    }
+}
+
+impl Kind {
+    /// With the keys of its summary: what [`Artifact::summary`] gives, for the manual.
+    pub const fn keys(mut self, keys: &'static [(&'static str, &'static str)]) -> Self {
+        self.keys = keys;
+        self
     }
 }
 

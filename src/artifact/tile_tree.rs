@@ -82,7 +82,15 @@ impl TileTree {
 }
 
 impl Artifact for TileTree {
-    const KIND: &'static Kind = &Kind::of::<Self>("TileTree", "tiles with bounds, geometric error and content");
+    const KIND: &'static Kind =
+        &Kind::of::<Self>("TileTree", "tiles with bounds, geometric error and content").keys(&[
+            ("tiles", "number of tiles"),
+            ("leaf_tiles", "tiles without children"),
+            ("features", "features of all tiles"),
+            ("sources", "source ids"),
+            ("root_error_m", "geometric error of the root"),
+            ("levels", "a table: what each level holds"),
+        ]);
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {

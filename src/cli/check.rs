@@ -1,5 +1,7 @@
 //! `lodge check FILE..`: every mistake of the files, without reading data.
 
+use std::collections::BTreeSet;
+
 use serde_json::json;
 
 use super::{Exit, Globals, Outcome, Set, render};
@@ -18,10 +20,13 @@ impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
         let mut wrong = Vec::new();
         let mut rows = Vec::new();
+        let mut seen = BTreeSet::new(); // several files may extend the same one
         for file in &self.files {
             match Graph::load(file, &self.set.sets, &crate::ops::ALL) {
                 Ok(graph) => rows.push((file, graph.nodes.len())),
-                Err(mistakes) => wrong.extend(mistakes),
+                Err(mistakes) => {
+                    wrong.extend(mistakes.into_iter().filter(|d| seen.insert(render::json(d).to_string())))
+                }
             }
         }
         if globals.json {

@@ -4,11 +4,13 @@
 mod accept;
 mod check;
 mod engine;
+mod graph;
 mod ops;
 mod reject;
 pub mod render;
 mod run;
 mod test;
+mod schema;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -36,10 +38,14 @@ enum Command {
     Accept(accept::Args),
     /// Find every mistake that can be known without reading data
     Check(check::Args),
+    /// The graph as Mermaid, DOT or SVG, with state and time
+    Graph(graph::Args),
     /// The manual of the operators, from their own declarations
     Ops(ops::Args),
     /// Throw pending snapshots away
     Reject(reject::Args),
+    /// The JSON Schema of pipeline files, for editors
+    Schema(schema::Args),
     /// Run what is needed and publish what writers made
     Run(run::Args),
     /// Compare each stage with its snapshot
@@ -51,8 +57,10 @@ impl Command {
         match self {
             Command::Accept(args) => args.run(globals),
             Command::Check(args) => args.run(globals),
+            Command::Graph(args) => args.run(globals),
             Command::Ops(args) => args.run(globals),
             Command::Reject(args) => args.run(globals),
+            Command::Schema(args) => args.run(globals),
             Command::Run(args) => args.run(globals),
             Command::Test(args) => args.run(globals),
         }

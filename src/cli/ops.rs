@@ -29,7 +29,12 @@ impl Args {
             let wide = all.iter().map(|e| e.name.len()).max().unwrap_or(0);
             let kind = all.iter().map(|e| e.output.name.len()).max().unwrap_or(0);
             for e in all {
-                super::say(&format!("{:wide$}  {:kind$}  {}\n", e.name, e.output.name, first_sentence(&doc(&(e.schema)()))));
+                super::say(&format!(
+                    "{:wide$}  {:kind$}  {}\n",
+                    e.name,
+                    e.output.name,
+                    first_sentence(&doc(&(e.schema)()))
+                ));
             }
         }
         Ok(Exit::Done)
@@ -39,7 +44,14 @@ impl Args {
 /// The manual page of one operator.
 pub fn page(entry: &Entry) -> String {
     let schema = (entry.schema)();
-    let mut out = format!("{} (version {}) gives {}: {}\n\n{}\n", entry.name, entry.version, entry.output.name, entry.output.doc, filled(&doc(&schema), 0));
+    let mut out = format!(
+        "{} (version {}) gives {}: {}\n\n{}\n",
+        entry.name,
+        entry.version,
+        entry.output.name,
+        entry.output.doc,
+        filled(&doc(&schema), 0)
+    );
     if !entry.ports.is_empty() {
         out += "\nPorts\n";
         for port in entry.ports {
@@ -134,14 +146,18 @@ fn limits(p: &Value, unit: &str) -> Option<String> {
 /// What each value of an enumeration means, where that is written.
 fn choices(p: &Value) -> String {
     let branches = ["oneOf", "anyOf"].iter().find_map(|w| p[*w].as_array()).map_or(&[][..], Vec::as_slice);
-    let line = |b: &Value| Some(format!("{}\n", filled(&format!("{}: {}", b["const"].as_str()?, b["description"].as_str()?), 8)));
+    let line = |b: &Value| {
+        Some(format!("{}\n", filled(&format!("{}: {}", b["const"].as_str()?, b["description"].as_str()?), 8)))
+    };
     branches.iter().filter_map(line).collect()
 }
 
 fn as_toml(v: &Value) -> String {
     match v {
         Value::Object(map) if map.is_empty() => "{}".into(),
-        Value::Object(map) => format!("{{ {} }}", map.iter().map(|(k, v)| format!("{k} = {}", as_toml(v))).collect::<Vec<_>>().join(", ")),
+        Value::Object(map) => {
+            format!("{{ {} }}", map.iter().map(|(k, v)| format!("{k} = {}", as_toml(v))).collect::<Vec<_>>().join(", "))
+        }
         Value::Array(list) => format!("[{}]", list.iter().map(as_toml).collect::<Vec<_>>().join(", ")),
         v => v.to_string(),
     }

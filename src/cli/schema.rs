@@ -65,8 +65,10 @@ fn operator(entry: &Entry) -> Value {
     let none = Map::new();
     let params = schema["properties"].as_object().unwrap_or(&none);
     let params: Map<String, Value> = params.iter().map(|(name, p)| (name.clone(), parameter(p))).collect();
-    let lists: Map<String, Value> =
-        params.iter().map(|(k, p)| (k.clone(), or_reference(json!({"type": "array", "minItems": 1, "items": p})))).collect();
+    let lists: Map<String, Value> = params
+        .iter()
+        .map(|(k, p)| (k.clone(), or_reference(json!({"type": "array", "minItems": 1, "items": p}))))
+        .collect();
     let mut properties = own_words();
     properties.insert("op".into(), json!({"enum": [entry.name]}));
     let ports: Map<String, Value> = entry.ports.iter().map(|p| (port_name(p), port(p))).collect();
@@ -206,7 +208,8 @@ fn or_reference(schema: Value) -> Value {
         schema if any_text => schema,
         Value::Object(mut map) if map.len() == 1 && map.get("anyOf").is_some_and(Value::is_array) => {
             if let Some(Value::Array(branches)) = map.get_mut("anyOf") {
-                let takes_text = |b: &Value| b["type"] == "string" && b.get("enum").is_none() && b.get("pattern").is_none();
+                let takes_text =
+                    |b: &Value| b["type"] == "string" && b.get("enum").is_none() && b.get("pattern").is_none();
                 if !branches.iter().any(takes_text) {
                     branches.push(reference);
                 }
@@ -226,7 +229,8 @@ mod tests {
         let given = json!({"type": ["integer", "null"], "format": "uint8", "minimum": 3, "default": null, "x-unit": "m", "description": "Few."});
         let wanted = json!({"anyOf": [{"type": "integer", "minimum": 3, "maximum": 255}, {"type": "string", "pattern": "\\$\\{"}], "description": "Few. [m]"});
         assert_eq!(parameter(&given), wanted);
-        let given = json!({"oneOf": [{"const": "a", "type": "string"}, {"enum": ["b"], "type": "string"}], "default": "a"});
+        let given =
+            json!({"oneOf": [{"const": "a", "type": "string"}, {"enum": ["b"], "type": "string"}], "default": "a"});
         assert_eq!(parameter(&given)["anyOf"][0], json!({"enum": ["a", "b"]}));
         assert_eq!(parameter(&json!({"type": "string"})), json!({"type": "string", "description": ""}));
     }

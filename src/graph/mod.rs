@@ -17,6 +17,7 @@ use crate::op::{AnyOp, Entry, Registry};
 use crate::spec::Spec;
 
 pub use files::expand;
+pub use schema::{required, wanted};
 pub use wires::{kinds, port_name};
 
 /// A checked pipeline: every mistake that can be known without reading data is behind us.

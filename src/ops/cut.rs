@@ -56,6 +56,11 @@ impl Op for Cut {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Hulls;
+    const FACTS: &'static [(&'static str, &'static str)] = &[
+        ("clusters", "clusters of the cut"),
+        ("triangles", "triangles of their extrusions"),
+        ("error_m", "largest error of a cluster"),
+    ];
 
     fn check(&self) -> Vec<Mistake> {
         let given =

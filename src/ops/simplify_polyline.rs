@@ -42,6 +42,7 @@ impl Op for SimplifyPolyline {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Hulls;
+    const FACTS: &'static [(&'static str, &'static str)] = &[("edges_before", "edges of all rings before")];
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Hulls> {
         let hulls = &*input.hulls;

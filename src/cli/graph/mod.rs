@@ -166,7 +166,10 @@ impl Drawing {
 
     fn dot(&self) -> String {
         let text = |t: &str| t.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
-        let mut out = format!("digraph \"{}\" {{\n  rankdir = LR\n  node [shape = box, style = filled, fillcolor = white]\n", text(&self.title));
+        let mut out = format!(
+            "digraph \"{}\" {{\n  rankdir = LR\n  node [shape = box, style = filled, fillcolor = white]\n",
+            text(&self.title)
+        );
         for (i, b) in self.boxes.iter().enumerate() {
             let lines: Vec<_> = b.lines().iter().map(|l| text(l)).collect();
             let fill = svg::fill(b.state).map(|f| format!(", fillcolor = \"{f}\"")).unwrap_or_default();
@@ -207,7 +210,10 @@ fn of_group(graph: &Graph, group: &[usize], variants: bool, marks: &[Mark]) -> B
         notes.push(words.join(", "));
     }
     let output = match group {
-        [one] => graph.nodes[*one].output.as_ref().map(|(path, folder)| if *folder { format!("{path}/") } else { path.clone() }),
+        [one] => graph.nodes[*one]
+            .output
+            .as_ref()
+            .map(|(path, folder)| if *folder { format!("{path}/") } else { path.clone() }),
         _ => node.output.as_ref().map(|_| format!("{} outputs", group.len())),
     };
     Box {

@@ -71,7 +71,10 @@ pub fn draw(drawing: &Drawing) -> String {
         path += &curve(at, end);
         out += &format!("<path class=\"arrow\" d=\"{path}\" marker-end=\"url(#head)\"/>\n");
         let (x, y) = ((at.0 + end.0) / 2.0, (at.1 + end.1) / 2.0 - 5.0);
-        out += &format!("<text class=\"port\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n", escaped(&arrow.port));
+        out += &format!(
+            "<text class=\"port\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n",
+            escaped(&arrow.port)
+        );
     }
     for ((b, place), texts) in drawing.boxes.iter().zip(&plan.boxes).zip(&lines) {
         let (x, w) = (left[place.0], wide(texts));
@@ -79,7 +82,10 @@ pub fn draw(drawing: &Drawing) -> String {
         let y = middle(place.1) - h / 2.0;
         let round = if b.output.is_some() { 0 } else { 6 };
         out += &format!("<g><title>{}</title>\n", escaped(&format!("{} gives {}", b.operator, b.kind)));
-        out += &format!("<rect class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"{round}\"/>\n", b.state);
+        out += &format!(
+            "<rect class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"{round}\"/>\n",
+            b.state
+        );
         for (i, text) in texts.iter().enumerate() {
             let class = if i == 0 { " class=\"name\"" } else { "" };
             let base = y + 7.0 + LINE * i as f64 + 12.0;

@@ -51,6 +51,12 @@ impl Op for WriteTileset {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Files;
+    const FACTS: &'static [(&'static str, &'static str)] = &[
+        ("tiles", "number of tiles"),
+        ("triangles", "triangles of all tiles"),
+        ("content_bytes", "sizes of all contents together"),
+        ("content_bytes_max", "size of the largest content"),
+    ];
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Files> {
         let tree = &*input.tree;
