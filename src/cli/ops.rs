@@ -159,6 +159,7 @@ fn as_toml(v: &Value) -> String {
             format!("{{ {} }}", map.iter().map(|(k, v)| format!("{k} = {}", as_toml(v))).collect::<Vec<_>>().join(", "))
         }
         Value::Array(list) => format!("[{}]", list.iter().map(as_toml).collect::<Vec<_>>().join(", ")),
+        Value::Number(n) => n.as_f64().unwrap_or_default().to_string(), // 3 rather than 3.0
         v => v.to_string(),
     }
 }
