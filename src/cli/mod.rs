@@ -9,8 +9,8 @@ mod ops;
 mod reject;
 pub mod render;
 mod run;
-mod test;
 mod schema;
+mod test;
 
 use std::io::Write;
 use std::path::PathBuf;
