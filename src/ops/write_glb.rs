@@ -44,14 +44,25 @@ impl Op for WriteGlb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::artifact::mesh::Primitive;
+    use crate::geom::frame::Frame;
     use crate::op::Bench;
     use std::sync::Arc;
 
     #[test]
     fn one_file_under_its_path() {
+        let mesh = Mesh {
+            frame: Frame::local(),
+            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            features: vec![0; 3],
+            primitives: vec![Primitive { name: "roof".into(), first_triangle: 0, triangles: 1 }],
+            feature_ids: ["a"].into_iter().collect(),
+            attributes: Default::default(),
+        };
         let bench = Bench::default();
         let op = WriteGlb { path: "./a//b.glb".into() };
-        let files = op.run(&bench.ctx(), In { model: Arc::new(gltf::tests::block()) }).unwrap();
+        let files = op.run(&bench.ctx(), In { model: Arc::new(mesh) }).unwrap();
         assert_eq!(files.files.len(), 1);
         assert_eq!(files.files[0].path, "a/b.glb");
         let bytes = &bench.blobs.0.lock().unwrap()[&files.files[0].blob.digest];

@@ -9,6 +9,7 @@ use check::{Published, check, publish};
 use lodge::artifact::TileTree;
 use lodge::geom::frame::{Frame, Projection};
 use lodge::op::{Bench, Op};
+use lodge::ops::read_geojson::ReadGeojson;
 use lodge::ops::write_tileset::{In, WriteTileset};
 
 fn write(tree: &TileTree, height_offset: f64) -> (Published, Vec<String>) {
@@ -101,4 +102,41 @@ fn one_building() {
     let globe = tree.frame.globe().unwrap().unwrap();
     let seen = check(&published, &tree, &|p| globe.ecef(p));
     assert_eq!((seen.tiles, seen.triangles), (1, 10));
+}
+
+/// Every real file, cut into tiles without regard to anything.
+#[test]
+fn real_buildings() {
+    let Ok(data) = std::env::var("LODGE_DATA") else { return println!("skipped: LODGE_DATA is not set") };
+    for (name, filter) in [
+        ("tokyo_centre", None),
+        ("tokyo_setagaya", None),
+        ("boston_z13_footprints", None),
+        ("liechtenstein_osm", Some("building")),
+        ("monaco_osm", Some("building")),
+        ("helsinki_osm", Some("building")),
+        ("andorra_osm", Some("building")),
+    ] {
+        let file = format!("{name}.geojson.gz");
+        let bytes = std::fs::read(format!("{data}/buildings/{file}")).unwrap();
+        let mut bench = Bench::default();
+        bench.sources.push(lodge::op::Source::of_bytes(&file, bytes));
+        let mut op = ReadGeojson { path: file, ..Default::default() };
+        if let Some(layer) = filter {
+            op.r#where = serde_json::from_value(serde_json::json!({ "layer": layer })).unwrap();
+        }
+        let city = op.run(&bench.ctx(), lodge::ops::read_geojson::In {}).unwrap();
+        let tree = toy::columns(&city, 1000);
+        let start = std::time::Instant::now();
+        let (published, warnings) = write(&tree, 0.0);
+        let seconds = start.elapsed().as_secs_f64();
+        let globe = tree.frame.globe().unwrap().unwrap();
+        let seen = check(&published, &tree, &|p| globe.ecef(p));
+        let bytes: usize = published.values().map(Vec::len).sum();
+        println!("{name}: {seconds:.3} s, {bytes} bytes, {seen:?}, {warnings:?}");
+        assert_eq!(seen.buildings, city.len());
+        if name == "monaco_osm" {
+            keep(name, &published);
+        }
+    }
 }

@@ -6,6 +6,8 @@
 
 pub mod table;
 
+use std::borrow::Cow;
+
 use serde_json::{Map, Value, json};
 
 use crate::artifact::{Column, Mesh, Values};
@@ -20,13 +22,30 @@ pub struct Part {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A corner; z up.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A corner as it lies in the file: y up.
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct Vertex {
-    pub position: [f32; 3],
-    /// Times 127. Left out of the file where the model has none.
-    pub normal: [i8; 3],
-    pub feature: u32,
+    position: [f32; 3],
+    /// Times 127, and a gap. Left out of the file where the model has none.
+    normal: [i8; 4],
+    /// Below 2^16 features its lower half is the number as u16, and the file says so.
+    feature: u32,
+}
+
+impl Vertex {
+    /// A corner by its place and its normal times 127, z up.
+    #[inline]
+    pub fn new([x, y, z]: [f32; 3], [i, j, k]: [i8; 3], feature: u32) -> Self {
+        Self { position: [x, z, 0.0 - y], normal: [i, k, -j, 0], feature }
+    }
+
+    /// Its place, z up.
+    #[inline]
+    pub fn position(&self) -> [f32; 3] {
+        let [x, y, z] = self.position;
+        [x, 0.0 - z, y]
+    }
 }
 
 /// What becomes of a GLB.
@@ -122,56 +141,57 @@ fn material(name: &str) -> Value {
     })
 }
 
-/// Buffer views and accessors as they come, over one buffer.
+/// Buffer views and accessors as they come, over one buffer whose pieces are joined at the end.
 #[derive(Default)]
-pub struct Builder {
-    bytes: Vec<u8>,
+pub struct Builder<'a> {
+    pieces: Vec<Cow<'a, [u8]>>,
+    size: usize,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
 
-impl Builder {
-    /// A buffer view over what `fill` appends, from a multiple of 8.
-    fn view(&mut self, more: &[(&str, u32)], fill: impl FnOnce(&mut Vec<u8>)) -> usize {
-        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
-        let start = self.bytes.len();
-        fill(&mut self.bytes);
+impl<'a> Builder<'a> {
+    /// A buffer view over `bytes`, from a multiple of 8.
+    fn view(&mut self, more: &[(&str, u32)], bytes: impl Into<Cow<'a, [u8]>>) -> usize {
+        let bytes = bytes.into();
         let mut view = Map::new();
         view.insert("buffer".into(), json!(0));
-        view.insert("byteOffset".into(), json!(start));
-        view.insert("byteLength".into(), json!(self.bytes.len() - start));
+        view.insert("byteOffset".into(), json!(self.size));
+        view.insert("byteLength".into(), json!(bytes.len()));
         more.iter().for_each(|&(k, v)| _ = view.insert(k.into(), json!(v)));
+        let gap = bytes.len().next_multiple_of(8) - bytes.len();
+        self.size += bytes.len() + gap;
+        self.pieces.push(bytes);
+        self.pieces.push(Cow::Borrowed(&[0; 8][..gap]));
         self.views.push(Value::Object(view));
         self.views.len() - 1
     }
 
     /// Corners, interleaved: position (12 bytes), normal (3 and a gap), feature (2 and a gap, or 4).
-    fn vertices(&mut self, part: &Part, normals: bool, wide: bool) -> Value {
+    fn vertices(&mut self, part: &'a Part, normals: bool, wide: bool) -> Value {
         let stride = if normals { 20 } else { 16 };
-        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let view = self.view(&[("byteStride", stride), ("target", 34962)], |out| {
-            out.reserve(part.vertices.len() * stride as usize);
+        let bytes: Cow<[u8]> = if normals && !wide {
+            Cow::Borrowed(bytemuck::cast_slice(&part.vertices))
+        } else {
+            let mut out = Vec::with_capacity(part.vertices.len() * stride as usize);
             for v in &part.vertices {
-                let [x, y, z] = v.position;
-                let p = [x, z, 0.0 - y];
-                for k in 0..3 {
-                    low[k] = low[k].min(p[k]);
-                    high[k] = high[k].max(p[k]);
-                }
-                let mut cell = [0u8; 20];
-                cell[..12].copy_from_slice(bytemuck::bytes_of(&p.map(f32::to_bits).map(u32::to_le)));
-                let mut at = 12;
-                if normals {
-                    let [x, y, z] = v.normal;
-                    cell[12..15].copy_from_slice(bytemuck::bytes_of(&[x, z, -y]));
-                    at = 16;
-                }
-                // A u16 in the lower bytes of a u32 is the same u32.
                 let feature = if wide { (v.feature as f32).to_bits() } else { v.feature };
-                cell[at..at + 4].copy_from_slice(&feature.to_le_bytes());
-                out.extend_from_slice(&cell[..at + 4]);
+                out.extend_from_slice(bytemuck::bytes_of(&v.position));
+                if normals {
+                    out.extend_from_slice(bytemuck::bytes_of(&v.normal));
+                }
+                out.extend_from_slice(&feature.to_le_bytes());
             }
-        });
+            Cow::Owned(out)
+        };
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for v in &part.vertices {
+            for k in 0..3 {
+                low[k] = low[k].min(v.position[k]);
+                high[k] = high[k].max(v.position[k]);
+            }
+        }
+        let view = self.view(&[("byteStride", stride), ("target", 34962)], bytes);
         let count = part.vertices.len();
         let mut attributes = Map::new();
         let mut accessor = |name: &str, offset: u32, kind: &str, component: u32, more: &[(&str, Value)]| {
@@ -194,18 +214,17 @@ impl Builder {
         Value::Object(attributes)
     }
 
-    fn triangles(&mut self, part: &Part) -> usize {
+    fn triangles(&mut self, part: &'a Part) -> usize {
         // 65,535 itself is the restart mark.
         let narrow = part.vertices.len() <= 65_535;
-        let view = self.view(&[("target", 34963)], |out| {
-            for t in &part.triangles {
-                if narrow {
-                    out.extend_from_slice(bytemuck::bytes_of(&t.map(|i| (i as u16).to_le())));
-                } else {
-                    out.extend_from_slice(bytemuck::bytes_of(&t.map(u32::to_le)));
-                }
-            }
-        });
+        let bytes: Cow<[u8]> = if narrow {
+            let mut out = Vec::with_capacity(6 * part.triangles.len());
+            part.triangles.iter().for_each(|t| out.extend_from_slice(bytemuck::bytes_of(&t.map(|i| i as u16))));
+            Cow::Owned(out)
+        } else {
+            Cow::Borrowed(bytemuck::cast_slice(&part.triangles))
+        };
+        let view = self.view(&[("target", 34963)], bytes);
         self.accessors.push(json!({
             "bufferView": view, "byteOffset": 0, "componentType": if narrow { 5123 } else { 5125 },
             "count": 3 * part.triangles.len(), "type": "SCALAR",
@@ -214,17 +233,16 @@ impl Builder {
     }
 
     /// Header, JSON, bytes. Both chunks begin and end at multiples of 8, as EXT_structural_metadata wants.
-    fn finish(mut self, mut root: Map<String, Value>) -> Vec<u8> {
-        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
-        if self.bytes.is_empty() {
+    fn finish(self, mut root: Map<String, Value>) -> Vec<u8> {
+        if self.size == 0 {
             root.remove("bufferViews");
         } else {
-            root.insert("buffers".into(), json!([{ "byteLength": self.bytes.len() }]));
+            root.insert("buffers".into(), json!([{ "byteLength": self.size }]));
         }
         let mut text = serde_json::to_vec(&root).expect("JSON values can be written");
-        text.resize((20 + text.len()).next_multiple_of(8) - 20, b' ');
         // The second chunk's own header is 8 bytes long.
-        let total = 20 + text.len() + if self.bytes.is_empty() { 0 } else { 8 + self.bytes.len() };
+        text.resize((20 + text.len()).next_multiple_of(8) - 20, b' ');
+        let total = 20 + text.len() + if self.size == 0 { 0 } else { 8 + self.size };
         let mut out = Vec::with_capacity(total);
         let word = |out: &mut Vec<u8>, v: usize| out.extend_from_slice(&(v as u32).to_le_bytes());
         out.extend_from_slice(b"glTF");
@@ -233,10 +251,10 @@ impl Builder {
         word(&mut out, text.len());
         out.extend_from_slice(b"JSON");
         out.extend_from_slice(&text);
-        if !self.bytes.is_empty() {
-            word(&mut out, self.bytes.len());
+        if self.size > 0 {
+            word(&mut out, self.size);
             out.extend_from_slice(b"BIN\0");
-            out.extend_from_slice(&self.bytes);
+            self.pieces.iter().for_each(|p| out.extend_from_slice(p));
         }
         out
     }
@@ -254,11 +272,7 @@ pub fn mesh(mesh: &Mesh) -> Result<Vec<u8>> {
     };
     let vertex = |i: u32| {
         let p = mesh.positions[i as usize];
-        Vertex {
-            position: [0, 1, 2].map(|k| (p[k] - origin[k]) as f32),
-            normal: [0; 3],
-            feature: mesh.features[i as usize],
-        }
+        Vertex::new([0, 1, 2].map(|k| (p[k] - origin[k]) as f32), [0; 3], mesh.features[i as usize])
     };
     let mut place = vec![u32::MAX; mesh.positions.len()];
     let mut parts = Vec::new();
@@ -298,14 +312,14 @@ fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
 }
 
 #[cfg(test)]
-pub mod tests {
+mod tests {
     use super::*;
     use crate::artifact::Attributes;
     use crate::artifact::mesh::Primitive;
     use crate::geom::frame::Frame;
 
     /// A closed box of two features (walls and lids), 2.5 km from the frame's origin.
-    pub fn block() -> Mesh {
+    fn block() -> Mesh {
         let corner = |i: u32| [2500.0 + f64::from(i & 1), f64::from(i >> 1 & 1) * 2.0, f64::from(i >> 2) * 3.0];
         Mesh {
             frame: Frame::local(),
@@ -390,11 +404,7 @@ pub mod tests {
     fn wide_numbers() {
         // More features than u16 holds, more vertices than u16 indices reach.
         let n = 70_000u32;
-        let vertices = (0..3 * n).map(|i| Vertex {
-            position: [i as f32, (i % 3) as f32, 0.0],
-            normal: [0, 0, 127],
-            feature: i / 3,
-        });
+        let vertices = (0..3 * n).map(|i| Vertex::new([i as f32, (i % 3) as f32, 0.0], [0, 0, 127], i / 3));
         let part = Part {
             name: "roof".into(),
             vertices: vertices.collect(),

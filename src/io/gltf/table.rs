@@ -67,9 +67,8 @@ fn put(file: &mut Builder, values: &Values, present: &[bool], whole: bool) -> (V
             (number("FLOAT64", free.map(|x| json!(x))), cells(file, v, present, free, |x| x.to_le_bytes()))
         }
         Values::Bool(v) => {
-            let view = file.view(&[], |out| {
-                out.extend(v.chunks(8).map(|c| c.iter().enumerate().fold(0, |b, (i, &x)| b | u8::from(x) << i)));
-            });
+            let bits = v.chunks(8).map(|c| c.iter().enumerate().fold(0, |b, (i, &x)| b | u8::from(x) << i));
+            let view = file.view(&[], bits.collect::<Vec<u8>>());
             (json!({ "type": "BOOLEAN", "required": true }), json!({ "values": view }))
         }
         Values::Text(v) => text(file, v, present, whole),
@@ -94,11 +93,11 @@ fn cells<T: Copy, const N: usize>(
     free: Option<T>,
     bytes: impl Fn(T) -> [u8; N],
 ) -> Value {
-    let view = file.view(&[], |out| {
-        for (&v, &p) in values.iter().zip(present) {
-            out.extend_from_slice(&bytes(if p { v } else { free.unwrap_or(v) }));
-        }
-    });
+    let mut all = Vec::with_capacity(N * values.len());
+    for (&v, &p) in values.iter().zip(present) {
+        all.extend_from_slice(&bytes(if p { v } else { free.unwrap_or(v) }));
+    }
+    let view = file.view(&[], all);
     json!({ "values": view })
 }
 
@@ -107,21 +106,17 @@ fn text(file: &mut Builder, values: &Strings, present: &[bool], whole: bool) -> 
     while !whole && values.iter().zip(present).any(|(v, p)| *p && v == free) {
         free.push('-');
     }
-    let cell = |i: usize| if present[i] { values.get(i) } else { free.as_str() };
-    let mut ends = vec![0u32];
-    let mut end = 0;
-    for i in 0..values.len() {
-        end += cell(i).len() as u32;
-        ends.push(end);
+    let (mut all, mut ends) = (Vec::new(), 0u32.to_le_bytes().to_vec());
+    for (i, &p) in present.iter().enumerate() {
+        all.extend_from_slice(if p { values.get(i) } else { &free }.as_bytes());
+        ends.extend_from_slice(&(all.len() as u32).to_le_bytes());
     }
     // A view of no bytes is no view: a lone zero stands in where all strings are empty.
-    let view = file.view(&[], |out| {
-        (0..values.len()).for_each(|i| out.extend_from_slice(cell(i).as_bytes()));
-        if end == 0 {
-            out.push(0);
-        }
-    });
-    let offsets = file.view(&[], |out| ends.iter().for_each(|e| out.extend_from_slice(&e.to_le_bytes())));
+    if all.is_empty() {
+        all.push(0);
+    }
+    let view = file.view(&[], all);
+    let offsets = file.view(&[], ends);
     let property = match whole {
         true => json!({ "type": "STRING", "required": true }),
         false => json!({ "type": "STRING", "noData": free }),

@@ -1,6 +1,8 @@
 //! A tile's features as triangles along the tile's own axes.
 
-use crate::artifact::{Column, Strings, TileTree, Values, buildings};
+use std::ops::Range;
+
+use crate::artifact::{Column, Shapes, Strings, TileTree, Values, buildings};
 use crate::geom::chart::Chart;
 use crate::geom::triangulate::{Triangulator, doubled_normal};
 use crate::io::gltf::{Part, Vertex};
@@ -22,10 +24,15 @@ const UP: [i8; 3] = [0, 0, 127];
 /// The triangles of tile `tile`; `offset` metres are added to every height.
 pub fn draw(tree: &TileTree, tile: usize, chart: &Chart, offset: f64) -> Drawn {
     let part = |name: &str| Part { name: name.into(), ..Part::default() };
-    let mut pen =
-        Pen { chart, offset, scissors: Triangulator::new(), triangles: Vec::new(), parts: Default::default() };
-    pen.parts = [part("wall"), part("roof"), part("ground")];
     let features = tree.features_of(tile);
+    let mut parts = [part("wall"), part("roof"), part("ground")];
+    let corners = corners(&tree.plans, &features);
+    parts[0].vertices.reserve(4 * corners);
+    parts[0].triangles.reserve(2 * corners);
+    parts[1].vertices.reserve(corners);
+    parts[1].triangles.reserve(corners);
+    let scissors = Triangulator::new();
+    let mut pen = Pen { chart, offset, scissors, triangles: Vec::new(), places: Vec::new(), parts };
     let mut empty = Vec::new();
     for f in features.clone() {
         let before: usize = pen.parts.iter().map(|p| p.triangles.len()).sum();
@@ -41,8 +48,9 @@ pub fn draw(tree: &TileTree, tile: usize, chart: &Chart, offset: f64) -> Drawn {
     }
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for v in pen.parts.iter().flat_map(|p| &p.vertices) {
-        low = [0, 1, 2].map(|k| low[k].min(v.position[k]));
-        high = [0, 1, 2].map(|k| high[k].max(v.position[k]));
+        let p = v.position();
+        low = [0, 1, 2].map(|k| low[k].min(p[k]));
+        high = [0, 1, 2].map(|k| high[k].max(p[k]));
     }
     let triangles = pen.parts.iter().map(|p| p.triangles.len() as u64).sum();
     Drawn { parts: pen.parts, low: low.map(f64::from), high: high.map(f64::from), triangles, empty }
@@ -53,7 +61,15 @@ struct Pen<'a> {
     offset: f64,
     scissors: Triangulator,
     triangles: Vec<[u32; 3]>,
+    /// Of each point of a ring: along the ground, at the base, at the top.
+    places: Vec<([f64; 2], [f32; 3], [f32; 3])>,
     parts: [Part; 3],
+}
+
+/// Points of features' plans.
+fn corners(plans: &Shapes<[i32; 2]>, features: &Range<usize>) -> usize {
+    let end = |f: usize| plans.rings[plans.polygons[plans.shapes[f] as usize] as usize] as usize;
+    end(features.end) - end(features.start)
 }
 
 impl Pen<'_> {
@@ -69,28 +85,23 @@ impl Pen<'_> {
             }
             push(roof, &self.triangles);
             for ring in tree.plans.rings_of(p).map(|r| tree.plans.ring(r)) {
-                let places: Vec<([f64; 3], [f64; 3])> =
-                    ring.iter().map(|q| self.chart.at(q.map(|v| f64::from(v) / 1000.0))).collect();
-                let at = |i: usize, z: f64| along(places[i], z);
-                for i in 0..ring.len() {
-                    roof.vertices.push(Vertex { position: at(i, top), normal: UP, feature: number });
+                self.places.clear();
+                for q in ring {
+                    let place = self.chart.at(q.map(|v| f64::from(v) / 1000.0));
+                    self.places.push(([place.0[0], place.0[1]], along(place, base), along(place, top)));
                 }
-                if top <= base {
-                    continue;
-                }
-                for i in 0..ring.len() {
-                    let j = if i + 1 == ring.len() { 0 } else { i + 1 };
-                    let (a, b) = (places[i].0, places[j].0);
-                    let (x, y) = (b[0] - a[0], b[1] - a[1]);
+                roof.vertices.extend(self.places.iter().map(|p| Vertex::new(p.2, UP, number)));
+                let Some(&last) = self.places.last().filter(|_| top > base) else { continue };
+                let before = std::iter::once(&last).chain(&self.places);
+                for (p, q) in before.zip(&self.places) {
+                    let (x, y) = (q.0[0] - p.0[0], q.0[1] - p.0[1]);
                     let size = (x * x + y * y).sqrt();
                     if size == 0.0 {
                         continue;
                     }
                     let normal = narrow([y / size, -x / size, 0.0]);
                     push(walls, &[[0, 1, 2], [0, 2, 3]]);
-                    for position in [at(i, base), at(j, base), at(j, top), at(i, top)] {
-                        walls.vertices.push(Vertex { position, normal, feature: number });
-                    }
+                    walls.vertices.extend([p.1, q.1, q.2, p.2].map(|place| Vertex::new(place, normal, number)));
                 }
             }
         }
@@ -126,7 +137,7 @@ impl Pen<'_> {
             for q in rings().flatten() {
                 let [x, y, z] = q.map(|v| f64::from(v) / 1000.0);
                 let position = along(self.chart.at([x, y]), z + self.offset);
-                part.vertices.push(Vertex { position, normal, feature: number });
+                part.vertices.push(Vertex::new(position, normal, number));
             }
         }
     }
@@ -143,8 +154,10 @@ fn along((at, up): ([f64; 3], [f64; 3]), z: f64) -> [f32; 3] {
     [0, 1, 2].map(|k| (at[k] + up[k] * z) as f32)
 }
 
+/// A unit vector times 127, halves up.
+#[inline]
 fn narrow(normal: [f64; 3]) -> [i8; 3] {
-    normal.map(|v| (v * 127.0).round() as i8)
+    normal.map(|v| ((v * 127.0 + 127.5) as i32 - 127) as i8)
 }
 
 /// What the tile tells of its features, a row for each; sources are counted from the tile's own first. A leaf's
