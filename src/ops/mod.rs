@@ -27,8 +27,6 @@ static LIST: &[Entry] = &[
     Entry::of::<read_geojson::ReadGeojson>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<tile::Tile>(),
-    Entry::of::<read_geojson::ReadGeojson>(),
-    Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<write_glb::WriteGlb>(),
     Entry::of::<write_tileset::WriteTileset>(),
 ];
