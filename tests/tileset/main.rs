@@ -1,5 +1,6 @@
 //! Tilesets on disk against the rules that they must hold to.
 
+mod chain;
 mod check;
 mod toy;
 
@@ -9,8 +10,8 @@ use check::{Published, check, publish};
 use lodge::artifact::TileTree;
 use lodge::geom::frame::{Frame, Projection};
 use lodge::op::{Bench, Op};
-use lodge::ops::read_geojson::ReadGeojson;
 use lodge::ops::write_tileset::{In, WriteTileset};
+use serde_json::json;
 
 fn write(tree: &TileTree, height_offset: f64) -> (Published, Vec<String>) {
     let bench = Bench::default();
@@ -104,39 +105,77 @@ fn one_building() {
     assert_eq!((seen.tiles, seen.triangles), (1, 10));
 }
 
-/// Every real file, cut into tiles without regard to anything.
+/// A tree through the writer and back; `name` keeps it for the validators.
+fn holds(name: &str, tree: &TileTree) -> (Published, check::Seen) {
+    let start = std::time::Instant::now();
+    let (published, warnings) = write(tree, 0.0);
+    let seconds = start.elapsed().as_secs_f64();
+    assert!(warnings.len() <= 1, "{warnings:?}");
+    let globe = tree.frame.globe().unwrap().unwrap();
+    let seen = check(&published, tree, &|p| globe.ecef(p));
+    let bytes: usize = published.values().map(Vec::len).sum();
+    println!("{name}: written in {seconds:.3} s, {bytes} bytes, {seen:?}, {warnings:?}");
+    keep(name, &published);
+    (published, seen)
+}
+
 #[test]
-fn real_buildings() {
-    let Ok(data) = std::env::var("LODGE_DATA") else { return println!("skipped: LODGE_DATA is not set") };
-    for (name, filter) in [
-        ("tokyo_centre", None),
-        ("tokyo_setagaya", None),
-        ("boston_z13_footprints", None),
-        ("liechtenstein_osm", Some("building")),
-        ("monaco_osm", Some("building")),
-        ("helsinki_osm", Some("building")),
-        ("andorra_osm", Some("building")),
+fn the_town() {
+    let bytes = std::fs::read("fixtures/town/buildings.geojson").unwrap();
+    let tree = chain::tiles(&chain::geojson("buildings.geojson", bytes, json!({})), None);
+    let (published, seen) = holds("town", &tree);
+    assert!(seen.most_triangles <= 20_000 && seen.most_bytes <= 4 << 20, "{seen:?}");
+
+    // Nothing of it depends on the number of threads.
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert!(pool.install(|| write(&tree, 0.0).0) == published);
+    }
+}
+
+fn data() -> Option<String> {
+    let data = std::env::var("LODGE_DATA").ok();
+    if data.is_none() {
+        println!("skipped: LODGE_DATA is not set");
+    }
+    data
+}
+
+#[test]
+fn real_footprints() {
+    let Some(data) = data() else { return };
+    for name in [
+        "tokyo_centre",
+        "boston_z13_footprints",
+        "liechtenstein_osm",
+        "monaco_osm",
+        "helsinki_osm",
+        "andorra_osm",
+        "tokyo_setagaya",
     ] {
         let file = format!("{name}.geojson.gz");
         let bytes = std::fs::read(format!("{data}/buildings/{file}")).unwrap();
-        let mut bench = Bench::default();
-        bench.sources.push(lodge::op::Source::of_bytes(&file, bytes));
-        let mut op = ReadGeojson { path: file, ..Default::default() };
-        if let Some(layer) = filter {
-            op.r#where = serde_json::from_value(serde_json::json!({ "layer": layer })).unwrap();
-        }
-        let city = op.run(&bench.ctx(), lodge::ops::read_geojson::In {}).unwrap();
-        let tree = toy::columns(&city, 1000);
-        let start = std::time::Instant::now();
-        let (published, warnings) = write(&tree, 0.0);
-        let seconds = start.elapsed().as_secs_f64();
-        let globe = tree.frame.globe().unwrap().unwrap();
-        let seen = check(&published, &tree, &|p| globe.ecef(p));
-        let bytes: usize = published.values().map(Vec::len).sum();
-        println!("{name}: {seconds:.3} s, {bytes} bytes, {seen:?}, {warnings:?}");
-        assert_eq!(seen.buildings, city.len());
-        if name == "monaco_osm" {
-            keep(name, &published);
-        }
+        let filter = if name.ends_with("_osm") { json!({ "layer": "building" }) } else { json!({}) };
+        let tree = chain::tiles(&chain::geojson(&file, bytes, filter), None);
+        let (_, seen) = holds(name, &tree);
+        assert!(seen.most_triangles <= 20_000 && seen.most_bytes <= 4 << 20, "{seen:?}");
+    }
+}
+
+#[test]
+fn real_buildings() {
+    let Some(data) = data() else { return };
+    for file in [
+        "3dbag_multi_lod_10b.city.json",
+        "3dbag_tile5908_99b.city.jsonl",
+        "3dbag_tile901_52b.city.jsonl",
+        "delft_lod1_themes.city.json",
+        "vienna_lod2.city.jsonl",
+    ] {
+        let bytes = std::fs::read(format!("{data}/citylod/{file}")).unwrap();
+        let (buildings, footprints) = chain::cityjson(file, bytes);
+        let tree = chain::tiles(&footprints, Some(&buildings));
+        let (_, seen) = holds(file.split('.').next().unwrap(), &tree);
+        assert!(seen.most_triangles <= 20_000 && seen.most_bytes <= 4 << 20, "{seen:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! Tile trees made by hand.
 
-use lodge::artifact::{Attributes, Column, Footprints, Shapes, TileTree, Values, buildings};
+use lodge::artifact::{Attributes, Column, Shapes, TileTree, Values, buildings};
 use lodge::geom::frame::Frame;
 
 /// A tree without tiles.
@@ -185,44 +185,5 @@ pub fn one(frame: Frame) -> TileTree {
     feature(&mut t, 0..1, false, &[&square(0, 0, 10_000)], [0.0, 9.0]);
     end(&mut t);
     t.ids = ["only"].into_iter().collect();
-    t
-}
-
-/// Real buildings in columns of a coarse grid: leaves of about `most` of them below one root that draws them all as
-/// one block.
-pub fn columns(city: &Footprints, most: usize) -> TileTree {
-    let corner =
-        |i: u32| city.polygons.ring(city.polygons.polygons[city.polygons.shapes[i as usize] as usize] as usize)[0];
-    let mut order: Vec<u32> = (0..city.len() as u32).collect();
-    order.sort_by_key(|&i| (corner(i)[0].div_euclid(1_000_000), corner(i)[1], i));
-    let mut t = empty(city.frame.clone());
-    let n = order.len() as u32;
-    tile(&mut t, u32::MAX, 50.0, 0..n, false);
-    let (low, high) = city.polygons.points.iter().fold(([i32::MAX; 2], [i32::MIN; 2]), |(l, h), p| {
-        ([l[0].min(p[0]), l[1].min(p[1])], [h[0].max(p[0]), h[1].max(p[1])])
-    });
-    feature(&mut t, 0..n, false, &[&[low, [high[0], low[1]], high, [low[0], high[1]]]], [0.0, 8.0]);
-    end(&mut t);
-    for first in (0..n).step_by(most) {
-        let last = (first + most as u32).min(n);
-        tile(&mut t, 0, 0.0, first..last, true);
-        for place in first..last {
-            let i = order[place as usize] as usize;
-            t.feature_first.push(place);
-            t.feature_count.push(1);
-            t.landmark.push(false);
-            t.footprint_area_m2.push(1.0);
-            t.height_min.push(city.top[i] - city.base[i]);
-            t.height_max.push(city.top[i] - city.base[i]);
-            t.negative_space_m2.push(0.0);
-            t.base.push(city.base[i]);
-            t.top.push(city.top[i]);
-            t.plans.push_from(&city.polygons, i);
-            t.solids.end_shape();
-        }
-        end(&mut t);
-    }
-    t.ids = order.iter().map(|&i| city.ids.get(i as usize)).collect();
-    t.attributes = city.attributes.select(&order);
     t
 }
