@@ -58,8 +58,9 @@ impl Sites for Points {
     }
 }
 
-/// The centre of each building: the area centroid of its shells, or the mean of their vertices where the area is 0.
-/// Exact, then rounded to the millimetre grid, halves up.
+/// The centre of each building: the area centroid of its shells; the mean of their vertices where the area is 0, or
+/// where shells that cross themselves throw the centroid out of their own bounds (a bow tie of nearly no area: half a
+/// thousand kilometres, seen). Exact, then rounded to the millimetre grid, halves up.
 pub fn centres(polygons: &Shapes<Point>) -> Vec<Point> {
     (0..polygons.len()).into_par_iter().with_min_len(1024).map(|i| centre(polygons.shells(i))).collect()
 }
@@ -69,6 +70,7 @@ fn centre<'a>(shells: impl Iterator<Item = &'a [Point]>) -> Point {
     let mut origin = None;
     let (mut weight, mut area) = ([0i128; 2], 0i128);
     let (mut sum, mut count) = ([0i128; 2], 0i128);
+    let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
     for ring in shells.filter(|ring| !ring.is_empty()) {
         let o: Point = *origin.get_or_insert(ring[0]);
         let local = |p: Point| [i64::from(p[0]) - i64::from(o[0]), i64::from(p[1]) - i64::from(o[1])];
@@ -80,18 +82,21 @@ fn centre<'a>(shells: impl Iterator<Item = &'a [Point]>) -> Point {
             for k in 0..2 {
                 weight[k] += turn * i128::from(p[k] + q[k]);
                 sum[k] += i128::from(q[k]);
+                (low[k], high[k]) = (low[k].min(q[k]), high[k].max(q[k]));
             }
             count += 1;
             p = q;
         }
     }
     let Some(origin) = origin else { return [0, 0] };
-    [0, 1].map(|k| {
-        let offset = if area == 0 { round_half_up(sum[k], count) } else { round_half_up(weight[k], 3 * area) };
-        // Self-crossing shells can put it anywhere; the frame's limit holds for all coordinates.
-        let limit = i128::from(crate::geom::LIMIT_MM) - 1;
-        (i128::from(origin[k]) + offset).clamp(-limit, limit) as i32
-    })
+    let mean = [0, 1].map(|k| round_half_up(sum[k], count));
+    let offset = match area {
+        0 => mean,
+        _ => [0, 1].map(|k| round_half_up(weight[k], 3 * area)),
+    };
+    let within = (0..2).all(|k| (i128::from(low[k])..=i128::from(high[k])).contains(&offset[k]));
+    let offset = if within { offset } else { mean };
+    [0, 1].map(|k| origin[k] + offset[k] as i32)
 }
 
 /// `a / b` to the nearest whole number, halves up.
@@ -119,6 +124,12 @@ mod tests {
         // Two equal parts.
         let parts: [&[Point]; 2] = [&[[0, 0], [2, 0], [2, 2], [0, 2]], &[[10, 0], [12, 0], [12, 2], [10, 2]]];
         assert_eq!(centre(parts.into_iter()), [6, 1]);
+    }
+
+    #[test]
+    fn a_bow_tie_keeps_its_centre() {
+        // Its halves take each other's area away, all but a little.
+        assert_eq!(of(&[[0, 0], [12_000, 9_001], [12_000, 0], [0, 9_000]]), [6_000, 4_500]);
     }
 
     #[test]
