@@ -1,10 +1,12 @@
 //! The readers on real data (`LODGE_DATA`), and on the bad input that they must survive.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use lodge::artifact::{Buildings, Footprints};
 use lodge::diag::{Findings, Result};
 use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::ops::footprint::Footprint;
 use lodge::ops::read_cityjson::ReadCityjson;
 use lodge::ops::read_geojson::ReadGeojson;
 
@@ -79,6 +81,12 @@ fn every_building_of_the_city_models() {
         let mut found = std::collections::BTreeMap::<&str, u64>::new();
         out.lods.iter().for_each(|l| *found.entry(l).or_default() += 1);
         assert_eq!(found.into_iter().collect::<Vec<_>>(), lods, "{path}");
+        // Every building stands on something.
+        let bench = Bench::default();
+        let flat = Footprint::default().run(&bench.ctx(), Inputs::take(vec![vec![Arc::new(out)]]));
+        let findings = bench.report.finish();
+        println!("  {:?} {:?}", findings.facts, findings.rejects);
+        assert_eq!(flat.unwrap().len() as u64, buildings, "{path}");
     }
 }
 

@@ -20,6 +20,7 @@ pub mod ring;
 pub mod segments;
 pub mod tree_cut;
 pub mod triangulate;
+pub mod union;
 pub mod union_area;
 
 /// A point in the plan, millimetres in the local frame.

@@ -5,6 +5,7 @@ use crate::op::{Entry, Registry};
 pub mod cluster;
 pub mod cut;
 pub mod extrude;
+pub mod footprint;
 pub mod landmarks;
 pub mod merge_hulls;
 pub mod read_cityjson;
@@ -21,6 +22,7 @@ static LIST: &[Entry] = &[
     Entry::of::<cluster::Cluster>(),
     Entry::of::<cut::Cut>(),
     Entry::of::<extrude::Extrude>(),
+    Entry::of::<footprint::Footprint>(),
     Entry::of::<landmarks::FindLandmarks>(),
     Entry::of::<merge_hulls::MergeHulls>(),
     Entry::of::<read_cityjson::ReadCityjson>(),
