@@ -137,9 +137,14 @@ fn shift(p: [f64; 2], from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
 /// Local metres to the millimetre grid, halves up; none farther than 2^29 mm (and of NaN).
 #[inline]
 pub fn grid(p: [f64; 2]) -> Option<Point> {
-    let q = p.map(|v| (v * 1000.0 + 0.5).floor());
-    let limit = f64::from(LIMIT_MM);
-    (q[0].abs() < limit && q[1].abs() < limit).then(|| [q[0] as i32, q[1] as i32])
+    let whole = |v: f64| {
+        let v = v * 1000.0 + 0.5;
+        // Not `floor`: without SSE 4.1 that is a call.
+        let cut = if v.abs() < f64::from(LIMIT_MM) { v as i32 } else { return None };
+        let down = cut - i32::from(f64::from(cut) > v);
+        (down > -LIMIT_MM).then_some(down)
+    };
+    Some([whole(p[0])?, whole(p[1])?])
 }
 
 /// Source coordinates to local metres and back: `Frame::projector`.
@@ -168,6 +173,14 @@ impl Projector {
         match &self.0 {
             Step::Shift { origin, unit } => [(p[0] + origin[0]) / unit, (p[1] + origin[1]) / unit],
             Step::Mercator(m, crs) => crs.of_lonlat(m.inverse(p)).unwrap_or([f64::NAN; 2]),
+        }
+    }
+
+    /// Where the way is a shift only: the origin in metres, and metres a unit of the source.
+    pub fn shift(&self) -> Option<([f64; 2], f64)> {
+        match self.0 {
+            Step::Shift { origin, unit } => Some((origin, unit)),
+            Step::Mercator(..) => None,
         }
     }
 
@@ -247,6 +260,9 @@ mod tests {
     fn the_edge_of_the_grid() {
         assert_eq!(grid([536_870.911, 0.0005]), Some([536_870_911, 1]));
         assert_eq!(grid([536_870.912, 0.0]), None);
+        assert_eq!(grid([-536_870.911, 0.0]), Some([-536_870_911, 0]));
+        assert_eq!(grid([-536_870.912, 0.0]), None);
+        assert_eq!(grid([-536_870.9118, 0.0]), None);
         assert_eq!(grid([f64::NAN, 0.0]), None);
         assert_eq!(grid([-0.0005, -0.0006]), Some([0, -1]));
     }

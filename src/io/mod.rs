@@ -8,4 +8,5 @@ pub mod ledger;
 pub mod pick;
 pub mod place;
 pub mod stream;
+pub mod svg;
 pub mod tiles3d;

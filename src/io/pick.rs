@@ -133,6 +133,14 @@ pub fn id_text<'f>(value: &'f Scalar) -> Option<&'f str> {
     }
 }
 
+/// What a feature is called: by the attributes `names`; where none are wanted, by its own id or the attribute `id`.
+pub fn id_of<'f>(own: &'f Scalar, properties: &'f [(Cow<str>, Scalar)], names: &Names) -> Option<&'f str> {
+    if names.list().is_empty() {
+        return id_text(own).or_else(|| id_text(get(properties, "id")?));
+    }
+    names.list().iter().find_map(|name| id_text(get(properties, name)?))
+}
+
 /// Puts a feature's properties into the table: lists and objects as JSON text; whole numbers that no `f64` holds as
 /// text, because they are names.
 pub fn store(table: &mut Table, row: usize, properties: &[(Cow<str>, Scalar)]) {

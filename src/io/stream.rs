@@ -150,7 +150,9 @@ impl Stream<'_> {
     /// Line of a place at or after the last one asked for.
     fn line_of(&mut self, at: usize) -> u64 {
         let new = &self.text[self.counted..at.max(self.counted)];
-        self.line += new.iter().map(|&b| u64::from(b == b'\n')).sum::<u64>();
+        // In pieces that a byte can count: sixteen or more at a time.
+        let breaks = |piece: &[u8]| u64::from(piece.iter().map(|&b| u8::from(b == b'\n')).sum::<u8>());
+        self.line += new.chunks(255).map(breaks).sum::<u64>();
         self.counted = at.max(self.counted);
         self.line
     }

@@ -10,8 +10,11 @@ pub mod landmarks;
 pub mod merge_hulls;
 pub mod read_cityjson;
 pub mod read_geojson;
+pub mod read_lines;
 pub mod simplify_polyline;
 pub mod tile;
+pub mod write_cityjson;
+pub mod write_geojson;
 pub mod write_glb;
 pub mod write_tileset;
 
@@ -27,6 +30,14 @@ static LIST: &[Entry] = &[
     Entry::of::<merge_hulls::MergeHulls>(),
     Entry::of::<read_cityjson::ReadCityjson>(),
     Entry::of::<read_geojson::ReadGeojson>(),
+    Entry::of::<write_cityjson::WriteCityjson>(),
+    Entry::of::<write_geojson::WriteGeojson>(),
+    Entry::of::<write_glb::WriteGlb>(),
+    Entry::of::<write_tileset::WriteTileset>(),
+    Entry::of::<read_cityjson::ReadCityjson>(),
+    Entry::of::<read_geojson::ReadGeojson>(),
+    Entry::of::<read_lines::ReadLines>(),
+    Entry::of::<merge_hulls::MergeHulls>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<tile::Tile>(),
     Entry::of::<write_glb::WriteGlb>(),

@@ -126,6 +126,8 @@ struct Draft {
     table: Table,
     /// Of each file: its name, the system it says.
     files: Vec<(String, Option<String>)>,
+    /// One says that there is no system.
+    no_crs: bool,
 }
 
 /// How often heights came from where.
@@ -163,7 +165,7 @@ fn gather(params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft>
                 return Ok(());
             }
             let own;
-            let id = match id_of(&feature, &params.id) {
+            let id = match pick::id_of(&feature.id, &feature.properties, &params.id) {
                 Some(id) => id,
                 None => {
                     own = row.to_string();
@@ -191,6 +193,7 @@ fn gather(params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft>
             }
             Ok(())
         })?;
+        draft.no_crs |= header.no_crs;
         draft.files.push((name.clone(), header.crs));
     }
     seen.finish(names.names())?;
@@ -215,13 +218,6 @@ fn single_names(params: &ReadGeojson) -> Vec<(&'static str, String)> {
     }
     out.extend(params.r#where.keys().map(|name| ("where", name.clone())));
     out
-}
-
-fn id_of<'f>(feature: &'f Feature, id: &Names) -> Option<&'f str> {
-    if id.list().is_empty() {
-        return pick::id_text(&feature.id).or_else(|| pick::id_text(pick::get(&feature.properties, "id")?));
-    }
-    id.list().iter().find_map(|name| pick::id_text(pick::get(&feature.properties, name)?))
 }
 
 /// Base and height, or why the feature cannot be used.
@@ -275,8 +271,9 @@ enum Fate {
 
 /// Chooses the frame and brings the features onto its grid.
 fn settle(draft: Draft, params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Footprints> {
+    let unsaid = if draft.no_crs { Unsaid::Local } else { Unsaid::LonLat };
     let Placed { frame, projector, mut causes } =
-        place(&draft.bounds, &params.crs, &draft.files, Unsaid::LonLat, params.origin, ctx.report)?;
+        place(&draft.bounds, &params.crs, &draft.files, unsaid, params.origin, ctx.report)?;
     for i in repeated(&draft.ids) {
         causes[i].get_or_insert("an id that an earlier feature has");
     }

@@ -81,6 +81,8 @@ impl GeometryKind {
 pub struct Header {
     /// Name in the `crs` member (GeoJSON 2008; QGIS and GDAL still write it).
     pub crs: Option<String>,
+    /// `"crs": null`: there is none, not even lon/lat.
+    pub no_crs: bool,
 }
 
 /// Calls `each` with every feature in order. An error names file and line.
@@ -131,7 +133,7 @@ fn collection(
     while text.parse(|json, _| json.goes_on(b'}'))? {
         text.parse(|json, _| {
             match &*json.key()? {
-                "crs" => header.crs = crs(json)?,
+                "crs" => header.read(json)?,
                 _ => json.skip()?,
             }
             json.peek().map(drop)
@@ -173,7 +175,7 @@ fn item<'a>(json: &mut Json<'a>, line: u64, header: &mut Header, geometry: &mut 
                 is_bare = true;
                 geometry.coordinates(json)?;
             }
-            "crs" => header.crs = crs(json)?,
+            "crs" => header.read(json)?,
             "features" if json.peek()? == b'[' => {
                 json.expect(b'[')?;
                 return Ok(Item::Collection);
@@ -197,22 +199,25 @@ fn item<'a>(json: &mut Json<'a>, line: u64, header: &mut Header, geometry: &mut 
     })
 }
 
-/// `{"type": "name", "properties": {"name": ".."}}`
-fn crs(json: &mut Json) -> Parsed<Option<String>> {
-    let mut name = None;
-    if json.peek()? != b'{' {
-        return json.skip().map(|()| None);
-    }
-    json.object(|json, key| {
-        if key != "properties" || json.peek()? != b'{' {
-            return json.skip();
+impl Header {
+    /// `{"type": "name", "properties": {"name": ".."}}`, or null.
+    fn read(&mut self, json: &mut Json) -> Parsed<()> {
+        if json.peek()? != b'{' {
+            self.no_crs = json.scalar()? == Scalar::Null;
+            return Ok(());
         }
-        json.object(|json, key| match (&*key, json.scalar()?) {
-            ("name", Scalar::Text(text)) => Ok(name = Some(text.into_owned())),
-            _ => Ok(()),
+        json.object(|json, key| {
+            if key != "properties" || json.peek()? != b'{' {
+                return json.skip();
+            }
+            json.object(|json, key| {
+                if let ("name", Scalar::Text(text)) = (&*key, json.scalar()?) {
+                    self.crs = Some(text.into_owned());
+                }
+                Ok(())
+            })
         })
-    })?;
-    Ok(name)
+    }
 }
 
 impl Geometry {
