@@ -54,7 +54,8 @@ fn main() {
 fn layouts() -> Vec<(&'static str, Vec<Point>)> {
     let n = 122_500i32;
     let mut dice = Dice(1);
-    let mut random = |n: i32, side: i32| -> Vec<Point> { (0..n).map(|_| [dice.below(side), dice.below(side)]).collect() };
+    let mut random =
+        |n: i32, side: i32| -> Vec<Point> { (0..n).map(|_| [dice.below(side), dice.below(side)]).collect() };
     let uniform = random(n, 6_000_000);
     let sites = random(100, 6_000_000);
     let places = random(50, 60_000_000);

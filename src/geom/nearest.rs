@@ -68,6 +68,15 @@ impl Tree {
         start(k, self.order.len(), self.leaves)..start(k + 1, self.order.len(), self.leaves)
     }
 
+    /// The places below a node.
+    #[inline]
+    pub fn places_below(&self, node: usize) -> std::ops::Range<usize> {
+        let up = self.leaves.ilog2() - node.ilog2();
+        let first = (node << up) - self.leaves;
+        let n = self.order.len();
+        start(first, n, self.leaves)..start(first + (1 << up), n, self.leaves)
+    }
+
     /// The node of the leaf that holds a place.
     #[inline]
     pub fn leaf_of(&self, place: usize) -> usize {

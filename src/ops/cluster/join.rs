@@ -52,6 +52,8 @@ pub struct Merge {
 const NONE: u32 = u32::MAX;
 /// Relative slack where two ways of rounding meet. A few roundings make 1e-15.
 const SLACK: f64 = 1e-12;
+/// How far beyond what matters now a search looks, so that it need not be repeated soon.
+const BEYOND: f64 = 2.0;
 /// Rounds go on while they merge at least one cluster in this many.
 const ROUNDS: usize = 33;
 
@@ -105,6 +107,7 @@ struct Nearest {
 }
 
 #[derive(Clone, Copy)]
+#[repr(align(32))]
 struct Node {
     bounds: Bounds,
     size: u32,
@@ -313,65 +316,36 @@ impl<'a, S: Sites> Forest<'a, S> {
     // ------------------------------------------------------------------------------------------------- searches
 
     fn search(&self, c: usize) -> Nearest {
-        TODO.with_borrow_mut(|todo| self.search_with(c, todo))
-    }
-
-    fn search_with(&self, c: usize, todo: &mut Vec<(f64, u32)>) -> Nearest {
-        let me = &self.members[c];
-        let size = me.size.load(Relaxed);
-        let mut best = Found::NOTHING;
-        // (1) What the members know already.
-        todo.clear();
-        let mut last = NONE;
-        let mut x = c as u32;
-        while x != NONE {
-            let (at, before) = (x as usize, last);
-            last = x;
-            x = self.members[at].next.load(Relaxed);
-            if before != NONE && self.sites.same(before as usize, at) {
-                continue;
-            }
-            let near = Near::load(&self.near[at]);
-            let bound = f64::from(near.size) * near.distance;
-            if f64::from(size) * bound * (1.0 - SLACK) > best.cost || bound == f64::INFINITY {
-                continue;
-            }
-            if near.to != NONE {
-                let other = &self.members[near.to as usize];
-                let of = other.of.load(Relaxed);
-                if of != c as u32 {
-                    let theirs = other.size.load(Relaxed);
-                    best.offer(Found {
-                        cost: cost(size, theirs, near.distance),
-                        rank: other.rank.load(Relaxed),
-                        distance: near.distance,
-                        of,
-                        size: theirs,
-                        at: near.to,
-                    });
-                    if theirs == near.size {
-                        continue;
-                    }
-                }
-            }
-            todo.push((bound, at as u32));
-        }
-        // (2) The others ask the tree, the most promising first.
-        if todo.len() > 1 {
-            todo.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        }
-        for &(bound, x) in &*todo {
-            if f64::from(size) * bound * (1.0 - SLACK) > best.cost {
-                break;
-            }
-            let found = Query::new(self, c as u32, size, x as usize, &best).run();
-            best.offer(found);
-        }
-        Nearest { to: best.of, size: best.size, distance: best.distance }
+        SCRATCH.with_borrow_mut(|scratch| {
+            let me = &self.members[c];
+            let mut search = Search { forest: self, own: c as u32, size: me.size.load(Relaxed), best: Found::NOTHING };
+            search.run(scratch);
+            let best = search.best;
+            Nearest { to: best.of, size: best.size, distance: best.distance }
+        })
     }
 }
 
-thread_local! { static TODO: RefCell<Vec<(f64, u32)>> = const { RefCell::new(Vec::new()) }; }
+/// Buffers that searches use again and again.
+#[derive(Default)]
+struct Scratch {
+    /// Members to ask, ascending, with their bounds.
+    todo: Vec<(f64, u32)>,
+    groups: Vec<Group>,
+    askers: Vec<Asker>,
+    /// Nodes to visit.
+    stack: Vec<(f64, usize)>,
+}
+
+/// Members that lie in one node.
+struct Group {
+    /// The lowest bound among them.
+    bound: f64,
+    node: usize,
+    todo: std::ops::Range<usize>,
+}
+
+thread_local! { static SCRATCH: RefCell<Scratch> = RefCell::default(); }
 
 #[inline]
 fn cost(a: u32, b: u32, distance: f64) -> f64 {
@@ -407,14 +381,137 @@ impl Found {
     }
 }
 
-/// The search for the nearest foreign site of one member.
-struct Query<'a, S: Sites> {
+/// The search for the nearest of one cluster.
+struct Search<'a, S: Sites> {
     forest: &'a Forest<'a, S>,
     own: u32,
-    own_size: u32,
-    x: usize,
-    probe: S::Probe,
-    floor_square: f64,
+    size: u32,
+    best: Found,
+}
+
+impl<S: Sites> Search<'_, S> {
+    fn run(&mut self, scratch: &mut Scratch) {
+        let Scratch { todo, groups, askers, stack } = scratch;
+        // (1) What the members know already.
+        todo.clear();
+        self.remember(todo);
+        // (2) The others ask the tree: together where they lie in one leaf, or in a node that is all theirs.
+        groups.clear();
+        let mut at = 0;
+        while at < todo.len() {
+            let (node, end) = self.node_of(todo, at);
+            let bound = todo[at..end].iter().fold(f64::INFINITY, |least, t| least.min(t.0));
+            groups.push(Group { bound, node, todo: at..end });
+            at = end;
+        }
+        if groups.len() > 1 {
+            groups.sort_unstable_by(|a, b| a.bound.total_cmp(&b.bound).then(a.node.cmp(&b.node)));
+        }
+        for group in &*groups {
+            if self.beyond(group.bound) {
+                break;
+            }
+            self.ask(&todo[group.todo.clone()], group.node, askers, stack);
+        }
+    }
+
+    /// True where a product of size and distance is too high to matter.
+    #[inline]
+    fn beyond(&self, product: f64) -> bool {
+        f64::from(self.size) * product * (1.0 - SLACK) > self.best.cost
+    }
+
+    fn remember(&mut self, todo: &mut Vec<(f64, u32)>) {
+        let forest = self.forest;
+        let mut last = NONE;
+        let mut x = self.own;
+        while x != NONE {
+            let (at, before) = (x as usize, last);
+            last = x;
+            x = forest.members[at].next.load(Relaxed);
+            if before != NONE && forest.sites.same(before as usize, at) {
+                continue;
+            }
+            let near = Near::load(&forest.near[at]);
+            let bound = f64::from(near.size) * near.distance;
+            if self.beyond(bound) || bound == f64::INFINITY {
+                continue;
+            }
+            if near.to != NONE {
+                let other = &forest.members[near.to as usize];
+                let of = other.of.load(Relaxed);
+                if of != self.own {
+                    let theirs = other.size.load(Relaxed);
+                    self.best.offer(Found {
+                        cost: cost(self.size, theirs, near.distance),
+                        rank: other.rank.load(Relaxed),
+                        distance: near.distance,
+                        of,
+                        size: theirs,
+                        at: near.to,
+                    });
+                    if theirs == near.size {
+                        continue;
+                    }
+                }
+            }
+            todo.push((bound, at as u32));
+        }
+    }
+
+    /// The node that the member at `todo[from]` asks from, and the end of those that lie in it too.
+    fn node_of(&self, todo: &[(f64, u32)], from: usize) -> (usize, usize) {
+        let (tree, nodes) = (self.forest.tree, &self.forest.nodes);
+        let mut node = tree.leaf_of(todo[from].1 as usize);
+        while node > 1 && nodes[node / 2].only == self.own {
+            node /= 2;
+        }
+        let past = tree.places_below(node).end;
+        let count = todo[from..].iter().take_while(|t| (t.1 as usize) < past).count();
+        (node, from + count)
+    }
+
+    fn ask(&mut self, todo: &[(f64, u32)], node: usize, askers: &mut Vec<Asker>, stack: &mut Vec<(f64, usize)>) {
+        let forest = self.forest;
+        let reach = self.best.cost / f64::from(self.size) * BEYOND;
+        // (1) Many, among their own: perhaps nothing foreign is near enough for any of them.
+        if node < forest.tree.leaves && todo.len() > 2 {
+            let bounds = todo.iter().fold(Bounds::EMPTY, |all, t| all.join(&forest.sites.bounds(t.1 as usize)));
+            let least = Probe { forest, own: self.own, bounds }.least_product(node, reach, stack);
+            if self.beyond(least) {
+                let near = Near { distance: least * (1.0 - SLACK), size: 1, to: NONE };
+                todo.iter().for_each(|t| near.store(&forest.near[t.1 as usize]));
+                return;
+            }
+            let middle = forest.tree.places_below(2 * node).end;
+            let (left, right) = todo.split_at(todo.partition_point(|t| (t.1 as usize) < middle));
+            for (todo, node) in [(left, 2 * node), (right, 2 * node + 1)] {
+                if !todo.is_empty() {
+                    self.ask(todo, node, askers, stack);
+                }
+            }
+            return;
+        }
+        // (2) Few, or in a leaf: each keeps what it finds.
+        askers.clear();
+        askers.extend(todo.iter().filter(|t| !self.beyond(t.0)).map(|t| Asker::new(self, t.1, reach)));
+        if askers.is_empty() {
+            return;
+        }
+        let bounds = askers.iter().fold(Bounds::EMPTY, |all, a| all.join(&forest.sites.bounds(a.x as usize)));
+        let limit = askers[0].limit;
+        let mut query = Query { forest, own: self.own, own_size: self.size, bounds, askers, limit };
+        query.run(node, stack);
+        for asker in &*query.askers {
+            asker.near().store(&forest.near[asker.x as usize]);
+            self.best.offer(asker.best);
+        }
+    }
+}
+
+/// One member that searches for its nearest foreign site.
+struct Asker {
+    x: u32,
     /// Squared product of size and distance above which nothing is of interest, with slack.
     limit: f64,
     /// The limit without slack, not squared.
@@ -425,90 +522,123 @@ struct Query<'a, S: Sites> {
     rival: f64,
 }
 
-impl<'a, S: Sites> Query<'a, S> {
-    fn new(forest: &'a Forest<'a, S>, own: u32, own_size: u32, x: usize, best: &Found) -> Self {
-        let floor = forest.sites.floor();
-        let mut out = Self {
-            forest,
-            own,
-            own_size,
-            x,
-            probe: forest.sites.probe(x),
-            floor_square: floor * floor * (1.0 - SLACK),
-            limit: f64::INFINITY,
-            reach: f64::INFINITY,
-            best: Found::NOTHING,
-            rival: f64::INFINITY,
-        };
-        out.narrow(best.cost / f64::from(own_size));
+impl Asker {
+    fn new<S: Sites>(_: &Search<S>, x: u32, reach: f64) -> Self {
+        let mut out = Self { x, limit: 0.0, reach, best: Found::NOTHING, rival: f64::INFINITY };
+        out.narrow(reach);
         out
     }
 
     #[inline]
     fn narrow(&mut self, reach: f64) {
         self.reach = reach;
-        self.limit = reach * reach * (1.0 + 8.0 * SLACK);
+        self.limit = squared(reach);
     }
 
-    /// The nearest, if it is no dearer than what was known; and what is to be remembered of it.
-    fn run(mut self) -> Found {
-        let tree = self.forest.tree;
-        let leaf = tree.leaf_of(self.x);
-        self.scan(leaf);
-        let mut i = leaf;
+    /// What is to be remembered of the search.
+    fn near(&self) -> Near {
+        let best = &self.best;
+        if best.of == NONE {
+            return Near { distance: self.reach, size: 1, to: NONE };
+        }
+        let product = f64::from(best.size) * best.distance;
+        if self.rival <= product * (1.0 + 4.0 * SLACK) {
+            return Near { distance: product * (1.0 - SLACK), size: 1, to: NONE };
+        }
+        Near { distance: best.distance, size: best.size, to: best.at }
+    }
+
+    /// Remembers a rival that is not behind the best in size, rank and distance alike.
+    #[inline]
+    fn passing(&mut self, size: u32, rank: u32, distance: f64) {
+        let best = &self.best;
+        if size < best.size || rank < best.rank || distance < best.distance {
+            self.rival = self.rival.min(f64::from(size) * distance);
+        }
+    }
+
+    /// True where a node within the slack of the limit holds nothing better.
+    fn passes<S: Sites>(&mut self, forest: &Forest<S>, own_size: u32, node: &Node) -> bool {
+        let sites = forest.sites;
+        let square = sites.square_to_box(sites.probe(self.x as usize), &node.bounds);
+        if product_squared(node.size, square, sites.floor()) > self.limit {
+            return true;
+        }
+        if self.best.of == NONE {
+            return false;
+        }
+        let slack = if S::EXACT { 1.0 } else { 1.0 - SLACK };
+        let distance = (square.sqrt() * slack).max(sites.floor());
+        let passed = self.best.before(cost(own_size, node.size, distance), node.rank, distance);
+        if passed {
+            self.passing(node.size, node.rank, distance);
+        }
+        passed
+    }
+}
+
+/// Squared, with slack for the roundings of products and squares.
+#[inline]
+fn squared(reach: f64) -> f64 {
+    reach * reach * (1.0 + 8.0 * SLACK)
+}
+
+#[inline]
+fn product_squared(size: u32, square: f64, floor: f64) -> f64 {
+    let size = f64::from(size);
+    size * size * square.max(floor * floor * (1.0 - SLACK))
+}
+
+/// The search of one cluster's members that lie close together.
+struct Query<'a, S: Sites> {
+    forest: &'a Forest<'a, S>,
+    own: u32,
+    own_size: u32,
+    bounds: Bounds,
+    askers: &'a mut Vec<Asker>,
+    /// The highest of the askers' limits.
+    limit: f64,
+}
+
+impl<S: Sites> Query<'_, S> {
+    fn run(&mut self, from: usize, stack: &mut Vec<(f64, usize)>) {
+        if self.forest.nodes[from].only != self.own {
+            self.scan(from);
+        }
+        let mut i = from;
         while i > 1 {
-            self.descend(i ^ 1);
+            self.descend(i ^ 1, stack);
             i /= 2;
         }
-        let best = self.best;
-        let near = if best.of == NONE {
-            Near { distance: self.reach, size: 1, to: NONE }
-        } else {
-            let product = f64::from(best.size) * best.distance;
-            if self.rival <= product * (1.0 + 4.0 * SLACK) {
-                Near { distance: product * (1.0 - SLACK), size: 1, to: NONE }
-            } else {
-                Near { distance: best.distance, size: best.size, to: best.at }
-            }
-        };
-        near.store(&self.forest.near[self.x]);
-        best
     }
 
     /// Squared product of size and distance, at least, below a node.
     #[inline]
     fn least(&self, node: &Node) -> f64 {
-        let square = self.forest.sites.square_to_box(self.probe, &node.bounds).max(self.floor_square);
-        let size = f64::from(node.size);
-        size * size * square
+        product_squared(node.size, self.bounds.square_to(&node.bounds), self.forest.sites.floor())
     }
 
-    fn descend(&mut self, from: usize) {
-        let leaves = self.forest.tree.leaves;
-        let mut stack = [(0.0f64, 0usize); 64];
-        let mut depth = 1;
-        stack[0] = (self.least(&self.forest.nodes[from]), from);
-        while depth > 0 {
-            depth -= 1;
-            let (least, mut i) = stack[depth];
+    fn descend(&mut self, from: usize, stack: &mut Vec<(f64, usize)>) {
+        let (nodes, leaves) = (&self.forest.nodes, self.forest.tree.leaves);
+        stack.push((self.least(&nodes[from]), from));
+        while let Some((least, mut i)) = stack.pop() {
             if self.passed(least, i) {
                 continue;
             }
             // The nearer child first; of equals, the one with the lower rank.
             while i < leaves {
-                let (a, b) = (&self.forest.nodes[2 * i], &self.forest.nodes[2 * i + 1]);
+                let (a, b) = (&nodes[2 * i], &nodes[2 * i + 1]);
                 let (la, lb) = (self.least(a), self.least(b));
                 let a_first = (la, a.rank) <= (lb, b.rank);
                 let (near, far) = if a_first { ((la, 2 * i), (lb, 2 * i + 1)) } else { ((lb, 2 * i + 1), (la, 2 * i)) };
                 if far.0 <= self.limit {
-                    stack[depth] = far;
-                    depth += 1;
+                    stack.push(far);
                 }
-                if self.passed(near.0, near.1) {
+                i = near.1;
+                if self.passed(near.0, i) {
                     i = 0;
                     break;
                 }
-                i = near.1;
             }
             if i > 0 {
                 self.scan(i);
@@ -526,70 +656,116 @@ impl<'a, S: Sites> Query<'a, S> {
         if node.only == self.own || node.size == NONE {
             return true;
         }
-        if self.best.of == NONE {
+        // Only near ties are worth a closer look.
+        if least * (1.0 + 16.0 * SLACK) < self.limit {
             return false;
         }
-        self.passed_exactly(node)
-    }
-
-    /// Within the slack of the limit, or better.
-    fn passed_exactly(&mut self, node: &Node) -> bool {
-        let sites = self.forest.sites;
-        let slack = if S::EXACT { 1.0 } else { 1.0 - SLACK };
-        let distance = (sites.square_to_box(self.probe, &node.bounds).sqrt() * slack).max(sites.floor());
-        let passed = self.best.before(cost(self.own_size, node.size, distance), node.rank, distance);
-        if passed {
-            self.passing(node.size, node.rank, distance);
-        }
-        passed
-    }
-
-    /// Remembers a rival that is not behind the best in size, rank and distance alike.
-    #[inline]
-    fn passing(&mut self, size: u32, rank: u32, distance: f64) {
-        let best = &self.best;
-        if size < best.size || rank < best.rank || distance < best.distance {
-            self.rival = self.rival.min(f64::from(size) * distance);
-        }
+        let (forest, size) = (self.forest, self.own_size);
+        self.askers.iter_mut().fold(true, |all, asker| asker.passes(forest, size, node) && all)
     }
 
     fn scan(&mut self, leaf: usize) {
         let forest = self.forest;
-        for y in forest.tree.places(leaf - forest.tree.leaves) {
-            let other = &forest.members[y];
-            let of = other.of.load(Relaxed);
-            if of == self.own {
+        let node = &forest.nodes[leaf];
+        let places = forest.tree.places(leaf - forest.tree.leaves);
+        let mut narrowed = false;
+        let mut least_cost = f64::INFINITY;
+        for asker in &mut *self.askers {
+            if asker.passes(forest, self.own_size, node) {
                 continue;
             }
-            let square = forest.sites.square_to(self.probe, y);
-            let theirs = other.size.load(Relaxed);
-            let size = f64::from(theirs);
-            if size * size * square.max(self.floor_square) > self.limit {
-                continue;
-            }
-            let Some(distance) = forest.sites.distance(self.x, y, square) else { continue };
-            let found = Found {
-                cost: cost(self.own_size, theirs, distance),
-                rank: other.rank.load(Relaxed),
-                distance,
-                of,
-                size: theirs,
-                at: y as u32,
-            };
-            let product = size * distance;
-            if self.best.of == NONE {
-                if product <= self.reach * (1.0 + SLACK) {
-                    self.best = found;
-                    self.narrow(product);
+            let probe = forest.sites.probe(asker.x as usize);
+            for y in places.clone() {
+                let other = &forest.members[y];
+                let of = other.of.load(Relaxed);
+                if of == self.own {
+                    continue;
                 }
-            } else if self.best.before(found.cost, found.rank, found.distance) {
-                self.passing(found.size, found.rank, found.distance);
-            } else {
-                let old = std::mem::replace(&mut self.best, found);
-                self.passing(old.size, old.rank, old.distance);
-                self.narrow(product);
+                let square = forest.sites.square_to(probe, y);
+                let theirs = other.size.load(Relaxed);
+                if product_squared(theirs, square, forest.sites.floor()) > asker.limit {
+                    continue;
+                }
+                let Some(distance) = forest.sites.distance(asker.x as usize, y, square) else { continue };
+                let found = Found {
+                    cost: cost(self.own_size, theirs, distance),
+                    rank: other.rank.load(Relaxed),
+                    distance,
+                    of,
+                    size: theirs,
+                    at: y as u32,
+                };
+                let product = f64::from(theirs) * distance;
+                if asker.best.of == NONE {
+                    if product > asker.reach * (1.0 + SLACK) {
+                        continue;
+                    }
+                    asker.best = found;
+                } else if asker.best.before(found.cost, found.rank, found.distance) {
+                    asker.passing(found.size, found.rank, found.distance);
+                    continue;
+                } else {
+                    let old = std::mem::replace(&mut asker.best, found);
+                    asker.passing(old.size, old.rank, old.distance);
+                }
+                asker.narrow(product);
+                least_cost = least_cost.min(found.cost);
+                narrowed = true;
             }
         }
+        if narrowed {
+            // What one has found tells the others how far to look.
+            let reach = least_cost / f64::from(self.own_size) * BEYOND;
+            self.limit = 0.0;
+            for asker in &mut *self.askers {
+                if asker.best.of == NONE && reach < asker.reach {
+                    asker.narrow(reach);
+                }
+                self.limit = self.limit.max(asker.limit);
+            }
+        }
+    }
+}
+
+/// A box in search of how near anything foreign is to it.
+struct Probe<'a, S: Sites> {
+    forest: &'a Forest<'a, S>,
+    own: u32,
+    bounds: Bounds,
+}
+
+impl<S: Sites> Probe<'_, S> {
+    /// A lower bound of the product of size and distance to anything foreign, for all in the box; `reach` where
+    /// that is lower. `from` holds nothing foreign.
+    fn least_product(&self, from: usize, reach: f64, stack: &mut Vec<(f64, usize)>) -> f64 {
+        let (nodes, tree, floor) = (&self.forest.nodes, self.forest.tree, self.forest.sites.floor());
+        let least = |i: usize| product_squared(nodes[i].size, self.bounds.square_to(&nodes[i].bounds), floor);
+        let mut limit = reach * reach;
+        let mut i = from;
+        while i > 1 {
+            stack.push((least(i ^ 1), i ^ 1));
+            while let Some((low, at)) = stack.pop() {
+                if low >= limit || nodes[at].only == self.own {
+                    continue;
+                }
+                if at >= tree.leaves {
+                    for y in tree.places(at - tree.leaves) {
+                        let other = &self.forest.members[y];
+                        if other.of.load(Relaxed) != self.own {
+                            let square = self.bounds.square_to(&self.forest.sites.bounds(y));
+                            limit = limit.min(product_squared(other.size.load(Relaxed), square, floor));
+                        }
+                    }
+                    continue;
+                }
+                let (a, b) = ((least(2 * at), 2 * at), (least(2 * at + 1), 2 * at + 1));
+                let (near, far) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+                stack.push(far);
+                stack.push(near);
+            }
+            i /= 2;
+        }
+        limit.sqrt()
     }
 }
 
