@@ -110,6 +110,8 @@ struct Nearest {
 #[repr(align(32))]
 struct Node {
     bounds: Bounds,
+    /// The smallest cluster size below, and the lowest rank among clusters of that size: larger ones are dearer by
+    /// more than any rounding, so that their ranks never decide.
     size: u32,
     rank: u32,
     /// The cluster of all that is below, where it is one.
@@ -260,28 +262,26 @@ impl<'a, S: Sites> Forest<'a, S> {
 
     // --------------------------------------------------------------------------------------------------- chains
 
+    /// From each cluster to its nearest, until two are mutual; then on from what they have become. To go back to
+    /// where the chain began would search a large cluster anew after every merge of small ones beside it.
     fn chains(&mut self, live: &[u32], merges: &mut Vec<Merge>) {
-        let mut chain: Vec<u32> = Vec::new();
         for &start in live {
             if self.members[start as usize].of.load(Relaxed) != start {
                 continue;
             }
-            chain.push(start);
-            while let Some(&top) = chain.last() {
-                let nearest = self.nearest_of(top as usize).to;
+            let mut at = start;
+            loop {
+                let nearest = self.nearest_of(at as usize).to;
                 if nearest == NONE {
                     // Sees nobody; so nobody leads here.
-                    chain.pop();
-                } else if chain.len() > 1 && chain[chain.len() - 2] == nearest {
-                    chain.truncate(chain.len() - 2);
-                    merges.push(self.merge(top as usize, nearest as usize));
-                    let head = top.min(nearest);
-                    self.refresh_along(head as usize);
-                    if chain.is_empty() {
-                        chain.push(head);
-                    }
+                    break;
+                }
+                if self.nearest_of(nearest as usize).to == at {
+                    merges.push(self.merge(at as usize, nearest as usize));
+                    at = at.min(nearest);
+                    self.refresh_along(at as usize);
                 } else {
-                    chain.push(nearest);
+                    at = nearest;
                 }
             }
         }
@@ -675,13 +675,17 @@ impl<S: Sites> Query<'_, S> {
                 continue;
             }
             let probe = forest.sites.probe(asker.x as usize);
+            let far = asker.limit / (f64::from(node.size) * f64::from(node.size)) * (1.0 + SLACK);
             for y in places.clone() {
+                let square = forest.sites.square_to(probe, y);
+                if square > far {
+                    continue;
+                }
                 let other = &forest.members[y];
                 let of = other.of.load(Relaxed);
                 if of == self.own {
                     continue;
                 }
-                let square = forest.sites.square_to(probe, y);
                 let theirs = other.size.load(Relaxed);
                 if product_squared(theirs, square, forest.sites.floor()) > asker.limit {
                     continue;
@@ -771,20 +775,19 @@ impl<S: Sites> Probe<'_, S> {
 
 #[inline]
 fn sum_up(node: &mut Node, k: usize, members: &[Member], tree: &Tree) {
-    let (mut size, mut rank, mut only) = (NONE, NONE, NONE);
+    let mut least = (NONE, NONE);
+    let mut only = NONE;
     for (i, m) in members[tree.places(k)].iter().enumerate() {
-        size = size.min(m.size.load(Relaxed));
-        rank = rank.min(m.rank.load(Relaxed));
+        least = least.min((m.size.load(Relaxed), m.rank.load(Relaxed)));
         let of = m.of.load(Relaxed);
         only = if i == 0 || only == of { of } else { NONE };
     }
-    (node.size, node.rank, node.only) = (size, rank, only);
+    (node.size, node.rank, node.only) = (least.0, least.1, only);
 }
 
 #[inline]
 fn join_up(node: &mut Node, a: &Node, b: &Node) {
-    node.size = a.size.min(b.size);
-    node.rank = a.rank.min(b.rank);
+    (node.size, node.rank) = (a.size, a.rank).min((b.size, b.rank));
     node.only = if a.only == b.only { a.only } else { NONE };
 }
 
