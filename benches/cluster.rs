@@ -1,13 +1,13 @@
-//! The figures of `cluster`, as ratios to T (see `yardstick`): `LODGE_DATA=.. cargo bench --bench cluster [-- NAME]`.
+//! The figures of `cluster`, as ratios to T (see `support`): `LODGE_DATA=.. cargo bench --bench cluster [-- NAME]`.
 
-mod yardstick;
+mod support;
 
 use std::time::Duration;
 
 use lodge::artifact::{Footprints, Strings};
 use lodge::geom::Point;
 use lodge::ops::cluster::{Cluster, cluster};
-use yardstick::{Dice, city, data, eight_times, footprints, measure, yardstick};
+use support::{Dice, city, data, eight_times, footprints, measure, yardstick};
 
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
@@ -25,8 +25,8 @@ fn main() {
     };
     // Made once: the CPU time of threads that end would be lost.
     let pools = [1, 2].map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads"));
-    let with = |threads: usize, times: usize, all: &Footprints, how: &Cluster| {
-        measure(times, || pools[threads - 1].install(|| cluster(all, how)))
+    let with = |threads: usize, times: usize, all: &Footprints, barriers: &[[Point; 2]], how: &Cluster| {
+        measure(times, || pools[threads - 1].install(|| cluster(all, barriers.to_vec(), how)))
     };
     let how = Cluster::default();
 
@@ -34,19 +34,26 @@ fn main() {
         let (all, _) = city(&data("tokyo_setagaya.geojson.gz").expect("checked above"));
         for threads in [1, 2] {
             if wants("setagaya") {
-                line(&format!("setagaya, {threads} threads"), all.len(), with(threads, 3, &all, &how));
+                line(&format!("setagaya, {threads} threads"), all.len(), with(threads, 3, &all, &[], &how));
             }
         }
         if wants("eight") {
             let eight = eight_times(&all);
             for threads in [1, 2] {
-                line(&format!("eight, {threads} threads"), eight.len(), with(threads, 1, &eight, &how));
+                line(&format!("eight, {threads} threads"), eight.len(), with(threads, 1, &eight, &[], &how));
             }
         }
     }
+    if wants("liechtenstein") {
+        let (all, lines) = city(&data("liechtenstein_osm.geojson.gz").expect("checked above"));
+        let barriers: Vec<[Point; 2]> =
+            (0..lines.len()).flat_map(|i| lines.line(i).windows(2).map(|w| [w[0], w[1]])).collect();
+        line("liechtenstein", all.len(), with(1, 5, &all, &[], &how));
+        line(&format!("its {} barriers", barriers.len()), all.len(), with(1, 5, &all, &barriers, &how));
+    }
     for (name, centres) in layouts() {
         if wants(name) || wants("layouts") {
-            line(name, centres.len(), with(1, 2, &dots(&centres), &how));
+            line(name, centres.len(), with(1, 2, &dots(&centres), &[], &how));
         }
     }
 }

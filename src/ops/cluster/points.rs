@@ -6,23 +6,26 @@ use super::join::Sites;
 use crate::artifact::Shapes;
 use crate::geom::Point;
 use crate::geom::nearest::{Bounds, Tree};
+use crate::geom::segment_grid::SegmentGrid;
 
 /// Centres in the order of a tree's places.
-pub struct Points {
+pub struct Points<'a> {
     at: Vec<Point>,
     floor: f64,
+    barriers: Option<&'a SegmentGrid>,
 }
 
-impl Points {
-    pub fn new(centres: &[Point], floor: f64) -> (Self, Tree) {
-        let boxes: Vec<Bounds> = centres.iter().map(|&p| Bounds { low: p, high: p }).collect();
+impl<'a> Points<'a> {
+    /// The centres `which`, and their tree, which numbers them in that order.
+    pub fn new(centres: &[Point], which: &[u32], floor: f64, barriers: Option<&'a SegmentGrid>) -> (Self, Tree) {
+        let boxes: Vec<Bounds> = which.iter().map(|&i| Bounds::of([centres[i as usize]])).collect();
         let tree = Tree::new(&boxes);
-        let at = tree.order.iter().map(|&i| centres[i as usize]).collect();
-        (Self { at, floor }, tree)
+        let at = tree.order.iter().map(|&i| boxes[i as usize].low).collect();
+        (Self { at, floor, barriers }, tree)
     }
 }
 
-impl Sites for Points {
+impl Sites for Points<'_> {
     type Probe = Point;
     const EXACT: bool = true;
     fn len(&self) -> usize {
@@ -46,8 +49,9 @@ impl Sites for Points {
         (dx * dx + dy * dy) as f64
     }
     #[inline]
-    fn distance(&self, _: usize, _: usize, square: f64) -> Option<f64> {
-        Some(square.sqrt().max(self.floor))
+    fn distance(&self, x: usize, y: usize, square: f64) -> Option<f64> {
+        let blocked = self.barriers.is_some_and(|b| b.meet(self.at[x], self.at[y]));
+        (!blocked).then(|| square.sqrt().max(self.floor))
     }
     #[inline]
     fn same(&self, x: usize, y: usize) -> bool {

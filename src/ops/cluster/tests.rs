@@ -6,6 +6,7 @@ use super::*;
 use crate::artifact::{Attributes, Shapes};
 use crate::geom::Point;
 use crate::geom::frame::Frame;
+use crate::geom::predicates::segments_meet;
 use crate::op::Bench;
 
 /// The definition, O(n^3): of all pairs the first in (crosses, cost, ranks), again and again.
@@ -127,10 +128,46 @@ fn equals_brute_force() {
     for seed in 0..12 {
         for (name, centres) in layouts(seed) {
             let all = dots(&centres, seed as u32);
-            let tree = cluster(&all, &Cluster::default());
+            let tree = cluster(&all, Vec::new(), &Cluster::default());
             assert_eq!(tree, brute_force(&all.ids, centre_distance(&centres)), "{name}, seed {seed}");
         }
     }
+}
+
+/// Barriers as random segments, a street grid, and a comb of dead ends.
+fn barriers(seed: u64, centres: &[Point]) -> Vec<Vec<[Point; 2]>> {
+    let mut dice = Dice(seed);
+    let all = crate::geom::nearest::Bounds::of(centres.iter().copied());
+    let size = [(all.high[0] - all.low[0]).max(4), (all.high[1] - all.low[1]).max(4)];
+    let mut random = || [all.low[0] + dice.below(size[0]), all.low[1] + dice.below(size[1])];
+    let few = (0..6).map(|_| [random(), random()]).collect();
+    let short = (0..40).map(|_| random()).map(|p| [p, [p[0] + size[0] / 9, p[1] + size[1] / 13]]).collect();
+    let [x, y] = all.low;
+    let streets = (0..4).flat_map(|i| {
+        let (dx, dy) = (size[0] / 4 * i + size[0] / 9, size[1] / 4 * i + size[1] / 7);
+        [[[x + dx, y - 9], [x + dx + 1, y + size[1] + 9]], [[x - 9, y + dy], [x + size[0] + 9, y + dy]]]
+    });
+    let comb = (0..8).map(|i| x + size[0] / 8 * i + 1).map(|at| [[at, y - 5], [at, y + size[1] * 3 / 4]]);
+    vec![few, short, streets.collect(), comb.collect()]
+}
+
+#[test]
+fn equals_brute_force_with_barriers() {
+    let mut crossed = 0;
+    for seed in 0..4 {
+        for (name, centres) in layouts(seed) {
+            for (k, barriers) in barriers(seed + 50, &centres).into_iter().enumerate() {
+                let all = dots(&centres, seed as u32);
+                let meets = |a: Point, b: Point| barriers.iter().any(|s| segments_meet(a, b, s[0], s[1]));
+                let plain = centre_distance(&centres);
+                let tree = cluster(&all, barriers.clone(), &Cluster::default());
+                let sure = brute_force(&all.ids, |a, b| (plain(a, b).0, !meets(centres[a], centres[b])));
+                assert_eq!(tree, sure, "{name}, seed {seed}, barriers {k}");
+                crossed += tree.crosses_barrier.iter().filter(|&&c| c).count();
+            }
+        }
+    }
+    assert!(crossed > 500);
 }
 
 #[test]
@@ -138,12 +175,12 @@ fn smallest_cases() {
     for n in 0..4 {
         let centres: Vec<Point> = (0..n).map(|i| [i * 5000, 0]).collect();
         let all = dots(&centres, 0);
-        let tree = cluster(&all, &Cluster::default());
+        let tree = cluster(&all, Vec::new(), &Cluster::default());
         assert_eq!(tree.leaf_count(), n as usize);
         assert_eq!(tree.left.len(), (n as usize).saturating_sub(1));
         assert_eq!(tree, brute_force(&all.ids, centre_distance(&centres)));
     }
-    let two = cluster(&dots(&[[0, 0], [3000, 4000]], 0), &Cluster::default());
+    let two = cluster(&dots(&[[0, 0], [3000, 4000]], 0), Vec::new(), &Cluster::default());
     assert_eq!((two.distance, two.cost, two.size), (vec![5.0], vec![5.0], vec![2]));
 }
 
@@ -161,7 +198,8 @@ fn the_order_of_the_features_does_not_matter() {
         }
         let mut shuffled = dots(&order.iter().map(|&i| centres[i]).collect::<Vec<_>>(), 0);
         shuffled.ids = order.iter().map(|&i| all.ids.get(i)).collect();
-        let (a, b) = (cluster(&all, &Cluster::default()), cluster(&shuffled, &Cluster::default()));
+        let (a, b) =
+            (cluster(&all, Vec::new(), &Cluster::default()), cluster(&shuffled, Vec::new(), &Cluster::default()));
         let back = |c: u32| if (c as usize) < n { order[c as usize] as u32 } else { c };
         assert_eq!(a.left, b.left.iter().map(|&c| back(c)).collect::<Vec<_>>(), "{name}");
         assert_eq!(a.right, b.right.iter().map(|&c| back(c)).collect::<Vec<_>>(), "{name}");
@@ -172,18 +210,18 @@ fn the_order_of_the_features_does_not_matter() {
 #[test]
 fn turned_and_moved() {
     for (name, centres) in layouts(5) {
-        let tree = cluster(&dots(&centres, 0), &Cluster::default());
+        let tree = cluster(&dots(&centres, 0), Vec::new(), &Cluster::default());
         let turned: Vec<Point> = centres.iter().map(|p| [-p[1], p[0]]).collect();
-        assert_eq!(tree, cluster(&dots(&turned, 0), &Cluster::default()), "{name}");
+        assert_eq!(tree, cluster(&dots(&turned, 0), Vec::new(), &Cluster::default()), "{name}");
         let moved: Vec<Point> = centres.iter().map(|p| [p[0] + 500_000_000, p[1] - 500_000_000]).collect();
-        assert_eq!(tree, cluster(&dots(&moved, 0), &Cluster::default()), "{name}");
+        assert_eq!(tree, cluster(&dots(&moved, 0), Vec::new(), &Cluster::default()), "{name}");
     }
 }
 
 #[test]
 fn costs_never_fall() {
     for (name, centres) in layouts(9) {
-        let tree = cluster(&dots(&centres, 0), &Cluster::default());
+        let tree = cluster(&dots(&centres, 0), Vec::new(), &Cluster::default());
         let size = |c: u32| u64::from(tree.size_of(c));
         let plain: Vec<f64> = (0..tree.left.len())
             .map(|i| (size(tree.left[i]) * size(tree.right[i])) as f64 * (tree.distance[i] * 1000.0).round())
@@ -199,7 +237,7 @@ fn any_number_of_threads() {
     let all = dots(&centres, 0);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| cluster(&all, &Cluster::default()))
+        pool.install(|| cluster(&all, Vec::new(), &Cluster::default()))
     };
     let one = with(1);
     assert_eq!(one.left.len(), 4999);
