@@ -64,7 +64,13 @@ fn main() {
         let f = |key: &str| l[key].as_f64().unwrap();
         println!(
             "{:5} {:5} {:8} {:9} {:9.2} {:5} {:6.2} %",
-            l["depth"], l["tiles"], l["features"], l["triangles"], f("error_max"), l["lost"], 100.0 * f("closed")
+            l["depth"],
+            l["tiles"],
+            l["features"],
+            l["triangles"],
+            f("error_max"),
+            l["lost"],
+            100.0 * f("closed")
         );
     }
     run("write-tileset", json!({"path": "x"}), None, &[&tiles]);

@@ -43,7 +43,7 @@ impl<P: Copy> Shapes<P> {
         &self.points[self.rings[r] as usize..self.rings[r + 1] as usize]
     }
     /// The shells of shape `i`, in order.
-    pub fn shells(&self, i: usize) -> impl Iterator<Item = &[P]> {
+    pub fn shells(&self, i: usize) -> impl Iterator<Item = &[P]> + Clone {
         self.polygons_of(i).map(|p| self.ring(self.polygons[p] as usize))
     }
     pub fn push_ring(&mut self, points: &[P]) {

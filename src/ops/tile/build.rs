@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::Limits;
 use super::city::City;
+use super::content::Content;
 use super::forms::{Form, Shape};
 use super::least_cut::{self, Choice, Offer, choose};
 use super::levels::{self, Street};
@@ -17,6 +18,8 @@ pub struct Built {
     pub is_leaf: bool,
     /// In leaf order; a cluster before its landmarks.
     pub drawn: Vec<Drawn>,
+    /// Their geometry; made at the end for leaves, which draw what is there.
+    pub content: Option<Content>,
     pub triangles: u64,
     /// Measured here.
     pub error_space: f64,
@@ -85,6 +88,7 @@ fn leaf(city: &City, limits: &Limits, x: u32) -> Built {
         node: x,
         children: Vec::new(),
         is_leaf: true,
+        content: None,
         triangles: city.triangles[x as usize],
         error_space: 0.0,
         error_height: 0.0,
@@ -124,7 +128,9 @@ fn inner(city: &City, street: &Street, limits: &Limits, x: u32, children: Vec<Bu
     let triangles = drawn.iter().map(|d| u64::from(d.form.triangles)).sum();
     let largest = |f: fn(&Form) -> f64| drawn.iter().map(|d| f(&d.form)).fold(0.0, f64::max);
     let (error_space, error_height) = (largest(|f| f.error_space), largest(|f| f.error_height));
-    let (lost, closed) = levels::covered(city, street, &choice.nodes, &drawn);
+    let mut content = Content::default();
+    drawn.iter().for_each(|d| content.draw(city, d));
+    let (lost, closed) = levels::covered(city, street, &drawn, &content.plans);
     Built {
         node: x,
         children,
@@ -137,6 +143,7 @@ fn inner(city: &City, street: &Street, limits: &Limits, x: u32, children: Vec<Bu
         lost,
         closed,
         drawn,
+        content: Some(content),
         lambda: if let Offer::Least { lambda, .. } = choice.offer { lambda } else { guess },
         cut: choice.nodes,
     }
@@ -162,12 +169,10 @@ fn drawn(city: &City, choice: &Choice) -> Vec<Drawn> {
                 if city.is_leaf(node) {
                     continue;
                 }
-                least_cut::members(city, node, &form, lambda, most_error, |member| {
-                    if let Some(form) = member.landmark {
-                        let node = city.leaves[member.place];
-                        out.push(Drawn { node, form: city.forms(node)[form], landmark: true });
-                    }
-                });
+                for (place, form) in least_cut::landmarks(city, node, &form, lambda, most_error) {
+                    let node = city.leaves[place];
+                    out.push(Drawn { node, form: city.forms(node)[form], landmark: true });
+                }
             }
         }
     }

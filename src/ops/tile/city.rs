@@ -8,7 +8,7 @@ use crate::artifact::{Dendrogram, Footprints, Hulls, Landmarks};
 use crate::geom::Point;
 
 use super::error;
-use super::forms::{self, Form};
+use super::forms::{self, Form, Offers};
 use super::originals::Originals;
 
 /// Everything that tiles are made from. A *node* is a place in the postorder of the dendrogram: the right child of
@@ -37,7 +37,7 @@ pub struct City<'a> {
     /// Node of each place.
     pub leaves: Vec<u32>,
     /// Forms of each node, made when first asked for.
-    forms: Vec<OnceLock<Box<[Form]>>>,
+    offers: Vec<OnceLock<Offers>>,
 }
 
 impl<'a> City<'a> {
@@ -66,7 +66,7 @@ impl<'a> City<'a> {
             side: marks.order.par_iter().map(|b| area(b).sqrt()).collect(),
             roof: marks.order.iter().map(|&b| footprints.top[b as usize]).collect(),
             leaves,
-            forms: (0..cluster.len()).map(|_| OnceLock::new()).collect(),
+            offers: (0..cluster.len()).map(|_| OnceLock::new()).collect(),
             cluster,
         };
         for x in 0..city.cluster.len() {
@@ -135,8 +135,11 @@ impl<'a> City<'a> {
         let polygons = &self.footprints.polygons;
         polygons.polygons_of(self.building(place)).flat_map(|p| polygons.rings_of(p)).map(|r| polygons.ring(r))
     }
+    pub fn offers(&self, x: u32) -> &Offers {
+        self.offers[x as usize].get_or_init(|| forms::of(self, x))
+    }
     /// The forms that a node may be drawn in; the first is the truest (the original, or the ring).
     pub fn forms(&self, x: u32) -> &[Form] {
-        self.forms[x as usize].get_or_init(|| forms::of(self, x))
+        &self.offers(x).forms
     }
 }

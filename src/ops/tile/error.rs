@@ -18,12 +18,11 @@ pub fn limit(city: &City, x: u32, e0: f64) -> f64 {
     city.height(x) + city.skyline * e0
 }
 
-/// Largest height difference between a node's block and a member that is not drawn beside it: heights above the own
-/// ground, and roofs (they differ on slopes).
-pub fn off(city: &City, x: u32, drawn: impl Fn(usize) -> bool) -> f64 {
+/// Height difference between a node's block and a member: heights above the own ground, or roofs, whichever differ
+/// more (on slopes they are not the same).
+pub fn off(city: &City, x: u32, place: usize) -> f64 {
     let (height, roof) = (city.height(x), city.ground(x) + city.height(x));
-    let one = |p: usize| (city.marks.height[p] - height).abs().max((city.roof[p] - roof).abs());
-    city.places(x).filter(|&p| !drawn(p)).map(one).fold(0.0, f64::max)
+    (city.marks.height[place] - height).abs().max((city.roof[place] - roof).abs())
 }
 
 /// Error of a node's ring, and its triangles together with its landmarks' as they are. Of a leaf: of the original.
@@ -39,8 +38,13 @@ pub fn of_ring(city: &City, x: u32) -> (f64, u64) {
     let ring = Bounds::of(city.hulls.points(cluster));
     let e0 = e0(city.negative_space(x), ring, city.height(x));
     let limit = limit(city, x, e0);
-    let landmark = |p: usize| city.marks.height[p] > limit;
-    let own = super::forms::prism(city.hulls.ring(cluster).len());
-    let beside = city.places(x).filter(|&p| landmark(p)).map(|p| u64::from(city.originals.triangles[p]));
-    (e0.max(off(city, x, landmark)), u64::from(own) + beside.sum::<u64>())
+    let (mut error, mut triangles) = (e0, u64::from(super::forms::prism(city.hulls.ring(cluster).len())));
+    for place in city.places(x) {
+        if city.marks.height[place] > limit {
+            triangles += u64::from(city.originals.triangles[place]);
+        } else {
+            error = error.max(off(city, x, place));
+        }
+    }
+    (error, triangles)
 }

@@ -49,35 +49,82 @@ pub fn prism(edges: usize) -> u32 {
     (3 * edges as u32).saturating_sub(2)
 }
 
+/// In what a node may be drawn, and what its members add to the price.
+#[derive(Debug)]
+pub struct Offers {
+    /// The first is the truest: the original, or the ring.
+    pub forms: Box<[Form]>,
+    /// What the members not taller than the cluster show wrong together.
+    pub low: f64,
+    /// (what it shows wrong where it is not drawn, its place) of each taller member: those above the ring's limit, in
+    /// leaf order ..
+    pub forced: Box<[(f64, u32)]>,
+    /// .. and the others, from the largest down, with the sum from each on.
+    pub rest: Box<[(f64, u32)]>,
+    pub hidden_after: Box<[f64]>,
+}
+
+impl Offers {
+    fn of_building(forms: Vec<Form>) -> Self {
+        let none = || Box::from([]);
+        Self { forms: forms.into(), low: 0.0, forced: none(), rest: none(), hidden_after: Box::from([]) }
+    }
+}
+
 /// All forms of a node that some other does not beat in everything.
-pub fn of(city: &City, x: u32) -> Box<[Form]> {
+pub fn of(city: &City, x: u32) -> Offers {
     let ring = city.ring(x);
     if city.is_leaf(x) { of_building(city, x, &ring) } else { of_cluster(city, x, &ring) }
 }
 
-fn of_cluster(city: &City, x: u32, ring: &[Point]) -> Box<[Form]> {
+fn of_cluster(city: &City, x: u32, ring: &[Point]) -> Offers {
     let bounds = Bounds::of(ring.iter().copied());
     let built = area_m2(ring) - city.negative_space(x);
     let form = |shape, edges, negative_space| {
         let error_space = error::e0(negative_space, bounds, city.height(x));
         let limit = error::limit(city, x, error_space);
-        let error_height = error::off(city, x, |p| city.marks.height[p] > limit);
         let shown = SEEN_FLAT * negative_space;
-        Form { shape, triangles: prism(edges), negative_space, error_space, error_height, limit, shown }
+        Form { shape, triangles: prism(edges), negative_space, error_space, error_height: 0.0, limit, shown }
     };
-    let mut out = vec![form(Shape::Ring, ring.len(), city.negative_space(x))];
+    let mut forms = vec![form(Shape::Ring, ring.len(), city.negative_space(x))];
     let half = forms::half(ring);
     if half.len() < ring.len() {
-        out.push(form(Shape::Half, half.len(), area_m2(&half) - built));
+        forms.push(form(Shape::Half, half.len(), area_m2(&half) - built));
         let convex = convex_hull(&half);
         if convex.len() < half.len() {
-            out.push(form(Shape::Convex, convex.len(), area_m2(&convex) - built));
+            forms.push(form(Shape::Convex, convex.len(), area_m2(&convex) - built));
         }
     }
-    out.into()
+
+    // What its members add: see `Offers`.
+    let (height, limit) = (city.height(x), forms[0].limit);
+    let (mut low, mut forced, mut rest) = (0.0, Vec::new(), Vec::new());
+    for place in city.places(x) {
+        let own = city.marks.height[place];
+        let hidden = SEEN_TALL * (own - height).abs() * city.side[place];
+        if own <= height {
+            low += hidden;
+        } else if own > limit {
+            forced.push((hidden, place as u32));
+        } else {
+            rest.push((hidden, place as u32));
+        }
+        for f in forms.iter_mut().filter(|f| own <= f.limit) {
+            f.error_height = f.error_height.max(error::off(city, x, place));
+        }
+    }
+    rest.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut sum = 0.0;
+    let after = |&(hidden, _): &(f64, u32)| {
+        sum += hidden;
+        sum
+    };
+    let mut hidden_after: Vec<f64> = rest.iter().rev().map(after).collect();
+    hidden_after.reverse();
+    Offers { forms: forms.into(), low, forced: forced.into(), rest: rest.into(), hidden_after: hidden_after.into() }
 }
 
-fn of_building(city: &City, x: u32, ring: &[Point]) -> Box<[Form]> {
+fn of_building(city: &City, x: u32, ring: &[Point]) -> Offers {
     let place = city.first(x);
     let (height, built) = (city.height(x), city.built(x));
     // How far a flat roof is off the building's highest level of detail.
@@ -93,6 +140,7 @@ fn of_building(city: &City, x: u32, ring: &[Point]) -> Box<[Form]> {
     };
     let bounds = Bounds::of(ring.iter().copied());
     let mut out = vec![form(Shape::Original, city.originals.triangles[place], 0.0, bounds, 0.0)];
+    let most = out[0].triangles;
     let mut add = |f: Form| {
         let beats =
             |g: &Form| g.triangles <= f.triangles && g.negative_space <= f.negative_space && g.error() <= f.error();
@@ -106,10 +154,12 @@ fn of_building(city: &City, x: u32, ring: &[Point]) -> Box<[Form]> {
         add(form(Shape::Footprint, triangles, 0.0, bounds, off));
     }
     if ring.len() < 3 {
-        return out.into();
+        return Offers::of_building(out);
     }
     add(form(Shape::Ring, prism(ring.len()), (area_m2(ring) - built).max(0.0), bounds, off));
-    if let Some((corners, shared)) = forms::rectangle(&rings).filter(|&(_, shared)| shared > 0.5 * built) {
+    // Against four corners a rectangle saves nothing.
+    let rectangle = (most > prism(4)).then(|| forms::rectangle(&rings)).flatten();
+    if let Some((corners, shared)) = rectangle.filter(|&(_, shared)| shared > 0.5 * built) {
         let wrong = (area_m2(&corners) + built - 2.0 * shared).max(0.0);
         add(form(Shape::Rectangle, prism(4), wrong, Bounds::of(corners), off));
     }
@@ -119,7 +169,7 @@ fn of_building(city: &City, x: u32, ring: &[Point]) -> Box<[Form]> {
         let convex = convex_hull(&half);
         add(form(Shape::Convex, prism(convex.len()), area_m2(&convex) - built, bounds, off));
     }
-    out.into()
+    Offers::of_building(out)
 }
 
 /// The plan of a form that is not the original (nor the footprint): one ring.

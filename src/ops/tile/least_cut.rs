@@ -9,7 +9,6 @@
 //! triangles (the source's: rings, landmarks as they are) fits the budget.
 
 use super::city::City;
-use super::error::SEEN_TALL;
 use super::forms::{Form, Shape};
 use crate::geom::tree_cut::{Item, Prefer, Price, cheapest, spend};
 
@@ -66,6 +65,9 @@ pub fn choose(city: &City, items: &[Item], budget: u64, error_floor: f64, guess:
     Choice { nodes: fewest(most_error).0, offer: Offer::Fewest, fits }
 }
 
+/// Triangles of the simplest form there is: a prism over a triangle.
+const FEWEST: f64 = 7.0;
+
 /// The price of showing a node itself; none where its error is too large. Single buildings always have one.
 pub fn price(city: &City, x: u32, lambda: f64, most_error: f64) -> Option<Price> {
     best(city, x, lambda, most_error).map(|(_, p)| p)
@@ -79,47 +81,41 @@ pub fn best(city: &City, x: u32, lambda: f64, most_error: f64) -> Option<(usize,
     if city.ring_error[x as usize] > most_error {
         return None;
     }
-    let mut best: Option<(usize, Price)> = None;
-    for (i, form) in city.forms(x).iter().enumerate() {
-        // The first is the ring, whose error was compared.
-        if i > 0 && form.error() > most_error {
-            continue;
-        }
-        let own = Price { triangles: u64::from(form.triangles), shown: form.shown };
-        let mut sum = own;
-        members(city, x, form, lambda, most_error, |member| sum = sum + member.price);
-        if best.is_none_or(|(_, b)| !b.at_most(&sum, lambda)) {
-            best = Some((i, sum));
+    let offers = city.offers(x);
+    // Members that may be drawn: those that some form forces out, and those whose hiding costs more than any drawing
+    // (no form has fewer triangles than a prism over a triangle).
+    let free = offers.rest.partition_point(|&(hidden, _)| hidden > FEWEST * lambda);
+    let hidden = offers.low + offers.hidden_after.get(free).copied().unwrap_or(0.0);
+    let mut sums: [Price; 3] = [Price { triangles: 0, shown: hidden }; 3];
+    for (sum, form) in sums.iter_mut().zip(&offers.forms) {
+        *sum = *sum + Price { triangles: u64::from(form.triangles), shown: form.shown };
+    }
+    for &(hidden, place) in offers.forced.iter().chain(&offers.rest[..free]) {
+        let hidden = Price { triangles: 0, shown: hidden };
+        let (_, drawn) = draw(city, city.leaves[place as usize], lambda, most_error);
+        let better = if hidden.at_most(&drawn, lambda) { hidden } else { drawn };
+        for (sum, form) in sums.iter_mut().zip(&offers.forms) {
+            *sum = *sum + if city.marks.height[place as usize] > form.limit { drawn } else { better };
         }
     }
-    best
+    // The first is the ring, whose error was compared.
+    let allowed = (0..offers.forms.len()).filter(|&i| i == 0 || offers.forms[i].error() <= most_error);
+    allowed.map(|i| (i, sums[i])).reduce(|best, other| if best.1.at_most(&other.1, lambda) { best } else { other })
 }
 
-/// What becomes of a member of a drawn cluster.
-pub struct Member {
-    pub place: usize,
-    /// The form in which it is drawn as a landmark; none where only the cluster stands for it.
-    pub landmark: Option<usize>,
-    pub price: Price,
-}
-
-/// Visits the members of a node drawn in a form, in leaf order.
-pub fn members(city: &City, x: u32, form: &Form, lambda: f64, most_error: f64, mut visit: impl FnMut(Member)) {
-    let height = city.height(x);
-    for place in city.places(x) {
-        let above = city.marks.height[place] - height;
-        let hidden = Price { triangles: 0, shown: SEEN_TALL * above.abs() * city.side[place] };
-        let mut member = Member { place, landmark: None, price: hidden };
-        // No form has fewer than seven triangles (a prism over a triangle).
-        let forced = city.marks.height[place] > form.limit;
-        if forced || (above > 0.0 && hidden.shown > 7.0 * lambda) {
-            let (form, drawn) = draw(city, city.leaves[place], lambda, most_error);
-            if forced || !hidden.at_most(&drawn, lambda) {
-                member = Member { place, landmark: Some(form), price: drawn };
-            }
-        }
-        visit(member);
-    }
+/// The members of a node drawn in a form that are drawn beside it, in leaf order, and in which of their forms.
+pub fn landmarks(city: &City, x: u32, form: &Form, lambda: f64, most_error: f64) -> Vec<(usize, usize)> {
+    let offers = city.offers(x);
+    let free = offers.rest.partition_point(|&(hidden, _)| hidden > FEWEST * lambda);
+    let drawn = offers.forced.iter().chain(&offers.rest[..free]).filter_map(|&(hidden, place)| {
+        let place = place as usize;
+        let (best, drawn) = draw(city, city.leaves[place], lambda, most_error);
+        let hidden = Price { triangles: 0, shown: hidden };
+        (city.marks.height[place] > form.limit || !hidden.at_most(&drawn, lambda)).then_some((place, best))
+    });
+    let mut out: Vec<(usize, usize)> = drawn.collect();
+    out.sort_unstable();
+    out
 }
 
 /// The best form of a single building; its original is always allowed.

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 
 use super::build::{Built, Drawn};
 use super::city::City;
-use super::forms::{self, Shape};
-use crate::artifact::Footprints;
+use super::forms::Shape;
 use crate::artifact::tile_tree::Level;
+use crate::artifact::{Footprints, Shapes};
 use crate::geom::Point;
 use crate::geom::bounds::Bounds;
 use crate::geom::cover::Cover;
@@ -111,6 +111,16 @@ impl Street {
         Self { grid, starts, points: order.iter().map(|&i| found[i as usize].1).collect() }
     }
 
+    /// False where no point can lie within the box of some rings.
+    fn is_near<'a>(&self, rings: impl Iterator<Item = &'a [Point]>) -> bool {
+        let bounds = Bounds::of(rings.flatten().copied());
+        if self.points.is_empty() || bounds.is_empty() {
+            return false;
+        }
+        let in_cell = |c: usize| self.starts[c] as usize..self.starts[c + 1] as usize;
+        self.grid.cells(bounds).any(|c| self.points[in_cell(c)].iter().any(|&p| bounds.contains(p)))
+    }
+
     /// Numbers of the points that a region covers.
     fn covered(&self, cover: &Cover, out: &mut Vec<u32>) {
         if self.points.is_empty() || cover.bounds.is_empty() {
@@ -185,35 +195,28 @@ fn mix(v: u64) -> u64 {
 
 /// What a cut leaves bare and what it closes: buildings over which nothing stands (no vertex of their outline lies in
 /// what is drawn for them, and of a rectangle no part of them does), and the street points built over.
-pub fn covered(city: &City, street: &Street, cut: &[u32], drawn: &[Drawn]) -> (u64, Vec<u32>) {
+pub fn covered(city: &City, street: &Street, drawn: &[Drawn], plans: &Shapes<Point>) -> (u64, Vec<u32>) {
     let (mut lost, mut closed) = (0, Vec::new());
-    let mut at = 0;
-    for &node in cut {
-        let own = &drawn[at];
-        debug_assert!(own.node == node && !own.landmark);
-        let landmarks = drawn[at + 1..].iter().take_while(|d| d.landmark).count();
-        let (first, last) = (at + 1, at + 1 + landmarks);
-        at = last;
-        for d in std::iter::once(own).chain(&drawn[first..last]) {
-            // Originals stand on their own ground, 4 m and more from any street point.
-            if matches!(d.form.shape, Shape::Original | Shape::Footprint) || d.form.negative_space <= 0.0 {
-                continue;
-            }
-            let ring = forms::plan(city, d.node, d.form.shape);
-            let cover = Cover::new(std::iter::once(&ring[..]));
-            street.covered(&cover, &mut closed);
-            if d.landmark || city.is_leaf(node) {
-                continue;
-            }
-            let mut beside = drawn[first..last].iter().map(|d| city.first(d.node)).peekable();
-            for place in city.places(node) {
-                if beside.next_if_eq(&place).is_none() && !city.outline(place).flatten().any(|&p| cover.holds(p)) {
-                    lost += 1;
-                }
-            }
-        }
-        if city.is_leaf(node) && !stands(city, own) {
+    for (i, d) in drawn.iter().enumerate() {
+        let alone = city.is_leaf(d.node);
+        if alone && !d.landmark && !stands(city, d) {
             lost += 1;
+        }
+        // Originals stand on their own ground, 4 m and more from any street point.
+        if matches!(d.form.shape, Shape::Original | Shape::Footprint) || (alone && !street.is_near(plans.shells(i))) {
+            continue;
+        }
+        let cover = Cover::new(plans.shells(i));
+        street.covered(&cover, &mut closed);
+        if alone {
+            continue;
+        }
+        let landmarks = drawn[i + 1..].iter().take_while(|d| d.landmark).map(|d| city.first(d.node));
+        let mut beside = landmarks.peekable();
+        for place in city.places(d.node) {
+            if beside.next_if_eq(&place).is_none() && !city.outline(place).flatten().any(|&p| cover.holds(p)) {
+                lost += 1;
+            }
         }
     }
     closed.sort_unstable();

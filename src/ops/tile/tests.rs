@@ -3,7 +3,7 @@
 use super::*;
 use crate::artifact::sections::Encoder;
 use crate::artifact::toy::{self, Toy};
-use crate::artifact::{Artifact, Attributes, Strings};
+use crate::artifact::{Artifact, Attributes, Strings, buildings};
 use crate::geom::bounds::{Bounds, shown_error};
 use crate::geom::cover::Cover;
 use crate::geom::ring::area_m2;
@@ -109,9 +109,7 @@ fn the_least_cut_is_the_least_of_all_cuts() {
                 assert!((price(&cut).unwrap() - best).abs() < 1e-9 * best.max(1.0));
                 for &x in cut.iter().filter(|&&x| !city.is_leaf(x)) {
                     let (form, _) = least_cut::best(&city, x, lambda, most).unwrap();
-                    least_cut::members(&city, x, &city.forms(x)[form], lambda, most, |m| {
-                        landmarks += usize::from(m.landmark.is_some())
-                    });
+                    landmarks += least_cut::landmarks(&city, x, &city.forms(x)[form], lambda, most).len();
                 }
             }
         }
