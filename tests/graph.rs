@@ -106,6 +106,13 @@ fn set_overrides_params_and_parameters() {
 }
 
 #[test]
+fn an_inherited_param_may_stay_unused_but_not_a_set_one() {
+    let place = extended("");
+    place.good(&[]);
+    assert!(place.load(&["spare=2"]).unwrap_err().contains("unused-param: no node uses param `spare`"));
+}
+
+#[test]
 fn a_param_of_text_stays_text() {
     let place = Place::new(&[
         ("p.toml", "[params]\nf = \"a\"\n[node.r]\nop = \"read-lines\"\npath = \"${f}\"\n"),

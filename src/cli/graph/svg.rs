@@ -1,7 +1,7 @@
 //! The drawing as SVG: boxes in columns, arrows as curves. Readable on light and dark pages.
 
 use super::Drawing;
-use super::layout::layout;
+use super::layout::{Layout, layout};
 
 /// Fill of each state.
 pub const STATES: [(&str, &str); 3] = [("cached", "#d9ead3"), ("run", "#fce5cd"), ("may-run", "#fff2cc")];
@@ -15,12 +15,16 @@ const LINE: f64 = 17.0;
 const GAP: f64 = 26.0;
 const TOP: f64 = 40.0;
 const EDGE: f64 = 16.0;
+/// Between two arrows that arrive at one box.
+const SPREAD: f64 = 15.0;
 
 pub fn draw(drawing: &Drawing) -> String {
     let arrows: Vec<_> = drawing.arrows.iter().map(|a| (a.from, a.to)).collect();
     let plan = layout(drawing.boxes.len(), &arrows);
     let lines: Vec<Vec<String>> = drawing.boxes.iter().map(super::Box::lines).collect();
-    let high = lines.iter().map(Vec::len).max().unwrap_or(1) as f64 * LINE + 14.0;
+    let users = |i: usize| drawing.arrows.iter().filter(|a| a.to == i).count() as f64;
+    let most = (0..lines.len()).map(users).fold(0.0, f64::max);
+    let high = (lines.iter().map(Vec::len).max().unwrap_or(1) as f64 * LINE + 14.0).max(most * SPREAD);
 
     // Columns as wide as their widest box, gaps as wide as the longest label on an arrow that ends behind them.
     let wide = |texts: &[String]| texts.iter().map(|l| l.chars().count()).max().unwrap_or(0) as f64 * CHAR + 20.0;
@@ -48,7 +52,7 @@ pub fn draw(drawing: &Drawing) -> String {
          text {{ font: 12px ui-monospace, monospace; fill: #222 }}\n\
          .title {{ font: bold 14px sans-serif; fill: #777 }}\n\
          .name {{ font-weight: bold }}\n\
-         .port {{ font-size: 10px; fill: #777 }}\n\
+         .port {{ font-size: 10px; fill: #777; text-anchor: end }}\n\
          .arrow {{ fill: none; stroke: #888; stroke-width: 1.3 }}\n\
          rect {{ fill: #f6f6f6; stroke: #666 }}\n\
          {}</style>\n\
@@ -58,7 +62,8 @@ pub fn draw(drawing: &Drawing) -> String {
         STATES.map(|(state, fill)| format!("rect.{state} {{ fill: {fill} }}\n")).concat(),
         escaped(&drawing.title),
     );
-    for (arrow, way) in drawing.arrows.iter().zip(&plan.ways) {
+    let arrivals = arrivals(&arrows, &plan);
+    for ((arrow, way), arrival) in drawing.arrows.iter().zip(&plan.ways).zip(arrivals) {
         let (from, to) = (plan.boxes[arrow.from], plan.boxes[arrow.to]);
         let mut at = (left[from.0] + wide(&lines[arrow.from]), middle(from.1));
         let mut path = format!("M{:.1} {:.1}", at.0, at.1);
@@ -67,14 +72,11 @@ pub fn draw(drawing: &Drawing) -> String {
             at = (left[c] + widths[c], middle(row));
             path += &format!(" L{:.1} {:.1}", at.0, at.1);
         }
-        let end = (left[to.0], middle(to.1));
+        let end = (left[to.0], middle(to.1) + arrival * SPREAD);
         path += &curve(at, end);
         out += &format!("<path class=\"arrow\" d=\"{path}\" marker-end=\"url(#head)\"/>\n");
-        let (x, y) = ((at.0 + end.0) / 2.0, (at.1 + end.1) / 2.0 - 5.0);
-        out += &format!(
-            "<text class=\"port\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n",
-            escaped(&arrow.port)
-        );
+        let (x, y) = (end.0 - 10.0, end.1 - 4.0);
+        out += &format!("<text class=\"port\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n", escaped(&arrow.port));
     }
     for ((b, place), texts) in drawing.boxes.iter().zip(&plan.boxes).zip(&lines) {
         let (x, w) = (left[place.0], wide(texts));
@@ -94,6 +96,23 @@ pub fn draw(drawing: &Drawing) -> String {
         out += "</g>\n";
     }
     out + "</svg>\n"
+}
+
+/// How far above or below its box's middle each arrow arrives, in steps: in the order of where they come from.
+fn arrivals(arrows: &[(usize, usize)], plan: &Layout) -> Vec<f64> {
+    let mut at: Vec<Vec<(f64, usize)>> = vec![Vec::new(); plan.boxes.len()];
+    for (i, &(from, to)) in arrows.iter().enumerate() {
+        let row = plan.ways[i].last().map_or(plan.boxes[from].1, |last| last.1);
+        at[to].push((row, i));
+    }
+    let mut out = vec![0.0; arrows.len()];
+    for mut here in at {
+        here.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (place, &(_, i)) in here.iter().enumerate() {
+            out[i] = place as f64 - (here.len() as f64 - 1.0) / 2.0;
+        }
+    }
+    out
 }
 
 /// A curve that leaves and arrives level.
