@@ -11,6 +11,10 @@ use serde_json::Value;
 
 pub type Result<T, E = Box<Diagnostic>> = std::result::Result<T, E>;
 
+/// All mistakes of a file at once.
+#[allow(clippy::vec_box)] // each was made as a box, and goes on alone as one
+pub type Diagnostics = Vec<Box<Diagnostic>>;
+
 /// A piece of a text file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Span {

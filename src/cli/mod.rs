@@ -19,7 +19,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde_json::json;
 
-use crate::diag::Diagnostic;
+use crate::diag::{Diagnostic, Diagnostics};
 use crate::graph::Graph;
 
 /// Makes coarser versions of 3-D models that still read as what they are.
@@ -165,7 +165,7 @@ impl Exit {
 #[derive(Debug)]
 pub struct Stop {
     pub exit: Exit,
-    pub diagnostics: Vec<Box<Diagnostic>>,
+    pub diagnostics: Diagnostics,
 }
 
 impl Stop {
@@ -175,8 +175,8 @@ impl Stop {
 }
 
 /// Mistakes of a pipeline.
-impl From<Vec<Box<Diagnostic>>> for Stop {
-    fn from(diagnostics: Vec<Box<Diagnostic>>) -> Self {
+impl From<Diagnostics> for Stop {
+    fn from(diagnostics: Diagnostics) -> Self {
         Self { exit: Exit::Usage, diagnostics }
     }
 }

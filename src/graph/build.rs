@@ -8,16 +8,14 @@ use super::schema::{Walker, required};
 use super::variants::{Axis, combine, meet, name, own};
 use super::wires::{Draft, connect, order};
 use super::{Graph, Node, Snapshot, file_name, files};
-use crate::diag::{Diagnostic, did_you_mean};
+use crate::diag::{Diagnostic, Diagnostics, did_you_mean};
 use crate::op::{Entry, Registry};
 use crate::spec::{Data, Key, Scope, Spec, Table, Val};
 
 /// Keys of a node that are not its operator's parameters.
 pub const OWN_WORDS: [&str; 7] = ["description", "in", "matrix", "on-error", "op", "snapshot", "variants"];
 
-type Wrong = Vec<Box<Diagnostic>>;
-
-pub fn build(spec: Spec, registry: &Registry, wrong: &mut Wrong) -> Graph {
+pub fn build(spec: Spec, registry: &Registry, wrong: &mut Diagnostics) -> Graph {
     // (1) operators, wires, order
     let mut drafts: Vec<Draft> = spec.nodes.iter().map(|(key, node)| draft(key, node, registry, wrong)).collect();
     if drafts.is_empty() && wrong.is_empty() {
@@ -69,7 +67,7 @@ pub fn build(spec: Spec, registry: &Registry, wrong: &mut Wrong) -> Graph {
     Graph { name, file, texts, description, nodes }
 }
 
-fn draft<'a>(key: &'a Key, node: &'a Val, registry: &Registry, wrong: &mut Wrong) -> Draft<'a> {
+fn draft<'a>(key: &'a Key, node: &'a Val, registry: &Registry, wrong: &mut Diagnostics) -> Draft<'a> {
     let table = node.table().expect("spec keeps only tables");
     let entry = match table.get("op") {
         None => {
@@ -104,7 +102,7 @@ fn wrong_type(name: &str, wanted: &str, v: &Val) -> Box<Diagnostic> {
 }
 
 /// The node's plain parameters and its own axes, filled in.
-fn parameters(table: &Table, axes: &[Axis], me: usize, scope: &Scope, wrong: &mut Wrong) -> Vec<(Key, Val)> {
+fn parameters(table: &Table, axes: &[Axis], me: usize, scope: &Scope, wrong: &mut Diagnostics) -> Vec<(Key, Val)> {
     let plain = table.iter().filter(|(k, _)| !OWN_WORDS.contains(&k.name.as_str()));
     let mut out: Vec<_> = plain.map(|(k, v)| (k.clone(), scope.fill(v, wrong))).collect();
     for axis in axes.iter().filter(|a| a.owner == me) {
@@ -146,7 +144,7 @@ fn make(
     given: &[(Key, Val)],
     title: &str,
     inputs: Vec<Vec<usize>>,
-    wrong: &mut Wrong,
+    wrong: &mut Diagnostics,
 ) -> Option<Made> {
     let before = wrong.len();
     let none = Map::new();
@@ -261,7 +259,7 @@ struct Words {
     snapshot: Snapshot,
 }
 
-fn words(table: &Table, wrong: &mut Wrong) -> Words {
+fn words(table: &Table, wrong: &mut Diagnostics) -> Words {
     let mut out = Words::default();
     match table.get("description") {
         None => {}
@@ -286,7 +284,7 @@ fn words(table: &Table, wrong: &mut Wrong) -> Words {
     out
 }
 
-fn tolerances(keys: &Table, out: &mut Snapshot, wrong: &mut Wrong) {
+fn tolerances(keys: &Table, out: &mut Snapshot, wrong: &mut Diagnostics) {
     for (key, v) in keys.iter() {
         let json = v.data.to_json();
         match (key.name.as_str(), json.as_f64(), &json) {
@@ -311,7 +309,7 @@ fn tolerances(keys: &Table, out: &mut Snapshot, wrong: &mut Wrong) {
 }
 
 /// Two nodes whose names give one file name would share a snapshot.
-fn same_names(names: &[String], drafts: &[Draft], instances: &[Vec<usize>], wrong: &mut Wrong) {
+fn same_names(names: &[String], drafts: &[Draft], instances: &[Vec<usize>], wrong: &mut Diagnostics) {
     let mut taken: BTreeMap<String, &str> = BTreeMap::new();
     for (draft, all) in drafts.iter().zip(instances) {
         for name in all.iter().map(|&i| names[i].as_str()) {
@@ -324,7 +322,7 @@ fn same_names(names: &[String], drafts: &[Draft], instances: &[Vec<usize>], wron
     }
 }
 
-fn unused_params(spec: &Spec, wrong: &mut Wrong) {
+fn unused_params(spec: &Spec, wrong: &mut Diagnostics) {
     for (key, _) in spec.params.iter().filter(|(k, _)| spec.is_own(&k.span) && !spec.mentioned.contains(&k.name)) {
         let d = Diagnostic::error("unused-param", format!("no node uses param `{}`", key.name));
         wrong.push(

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::diag::{Diagnostic, Span};
+use crate::diag::{Diagnostic, Diagnostics, Span};
 use crate::spec::{Val, folder_of, why};
 
 /// Files of one `x-file` parameter, in order; globs in byte order, their patterns noted.
@@ -11,7 +11,7 @@ pub fn inputs(
     name: &str,
     value: &Val,
     (files, globs): (&mut Vec<PathBuf>, &mut Vec<PathBuf>),
-    wrong: &mut Vec<Box<Diagnostic>>,
+    wrong: &mut Diagnostics,
 ) {
     for value in value.list().unwrap_or(std::slice::from_ref(value)) {
         let Some(text) = value.text() else { continue };
@@ -95,7 +95,7 @@ pub struct Published<'a> {
 }
 
 /// No two nodes may publish the same file, one into the other's folder, or names that differ only in case.
-pub fn clashes(all: &[Published], wrong: &mut Vec<Box<Diagnostic>>) {
+pub fn clashes(all: &[Published], wrong: &mut Diagnostics) {
     let mut taken: BTreeMap<String, usize> = BTreeMap::new();
     let mut said: Vec<(&str, &str)> = Vec::new();
     for (i, new) in all.iter().enumerate() {

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use serde_json::Value;
 
-use crate::diag::{Diagnostic, SourceFile, Span, did_you_mean};
+use crate::diag::{Diagnostic, Diagnostics, SourceFile, Span, did_you_mean};
 use crate::op::{AnyOp, Entry, Registry};
 use crate::spec::Spec;
 
@@ -36,7 +36,7 @@ pub struct Graph {
 impl Graph {
     /// Reads and checks a pipeline. `sets` are the texts of `--set`. On failure every mistake that was found, in the
     /// order of the file.
-    pub fn load(file: &Path, sets: &[String], registry: &Registry) -> Result<Graph, Vec<Box<Diagnostic>>> {
+    pub fn load(file: &Path, sets: &[String], registry: &Registry) -> Result<Graph, Diagnostics> {
         let mut wrong = Vec::new();
         let spec = Spec::read(file, sets, &mut wrong);
         let graph = spec.map(|spec| build::build(spec, registry, &mut wrong));

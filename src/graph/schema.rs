@@ -3,14 +3,14 @@
 
 use serde_json::{Map, Value};
 
-use crate::diag::{Diagnostic, did_you_mean};
+use crate::diag::{Diagnostic, Diagnostics, did_you_mean};
 use crate::spec::{Data, Val};
 
 /// The schema of one operator's parameters.
 pub struct Walker<'a> {
     pub root: &'a Value,
     pub operator: &'a str,
-    pub wrong: &'a mut Vec<Box<Diagnostic>>,
+    pub wrong: &'a mut Diagnostics,
 }
 
 impl Walker<'_> {

@@ -1,7 +1,7 @@
 //! `matrix` and `variants`: what variants a node has of its own, and how those of its inputs meet.
 
 use super::wires::Draft;
-use crate::diag::Diagnostic;
+use crate::diag::{Diagnostic, Diagnostics};
 use crate::spec::{Data, Key, Scope, Table, Val};
 
 /// A value of an axis; the axis belongs to the node that declares it.
@@ -29,7 +29,7 @@ pub struct Combination {
 const MOST: usize = 10_000;
 
 /// The assignments that `matrix` and `variants` make, in order; one empty one without them.
-pub fn own(me: usize, draft: &Draft, scope: &Scope, wrong: &mut Vec<Box<Diagnostic>>) -> Vec<Vec<Axis>> {
+pub fn own(me: usize, draft: &Draft, scope: &Scope, wrong: &mut Diagnostics) -> Vec<Vec<Axis>> {
     let mut out: Vec<Vec<Axis>> = vec![Vec::new()];
     for (key, values) in matrix(draft.table, scope, wrong) {
         check_axis(key, draft.table, scope, wrong);
@@ -49,7 +49,7 @@ fn axis(owner: usize, key: &Key, value: Val) -> Axis {
     Axis { owner, name: key.name.clone(), value }
 }
 
-fn times(left: &[Vec<Axis>], right: &[Vec<Axis>], key: &Key, wrong: &mut Vec<Box<Diagnostic>>) -> Vec<Vec<Axis>> {
+fn times(left: &[Vec<Axis>], right: &[Vec<Axis>], key: &Key, wrong: &mut Diagnostics) -> Vec<Vec<Axis>> {
     if left.len() * right.len() > MOST {
         wrong.push(too_many(key, left.len() * right.len()));
         return left.to_vec();
@@ -63,7 +63,7 @@ fn too_many(key: &Key, n: usize) -> Box<Diagnostic> {
 }
 
 /// The keys of `matrix`, each with its values; where something is wrong with those, a stand-in.
-fn matrix<'a>(table: &'a Table, scope: &Scope, wrong: &mut Vec<Box<Diagnostic>>) -> Vec<(&'a Key, Vec<Val>)> {
+fn matrix<'a>(table: &'a Table, scope: &Scope, wrong: &mut Diagnostics) -> Vec<(&'a Key, Vec<Val>)> {
     let Some(value) = table.get("matrix") else { return Vec::new() };
     let Some(keys) = value.table() else {
         let sentence = format!("`matrix` must be a table of lists, got {}", value.found());
@@ -108,7 +108,7 @@ fn matrix<'a>(table: &'a Table, scope: &Scope, wrong: &mut Vec<Box<Diagnostic>>)
 }
 
 /// The entries of `variants`: tables with the same keys.
-fn variants(me: usize, table: &Table, value: &Val, scope: &Scope, wrong: &mut Vec<Box<Diagnostic>>) -> Vec<Vec<Axis>> {
+fn variants(me: usize, table: &Table, value: &Val, scope: &Scope, wrong: &mut Diagnostics) -> Vec<Vec<Axis>> {
     let mut say = |code, sentence: String, v: &Val| {
         wrong.push(Diagnostic::error(code, sentence).at(v.span.clone()).value(v.written()));
     };
@@ -185,7 +185,7 @@ fn not_scalar(name: &str, v: &Val) -> Box<Diagnostic> {
 }
 
 /// An axis is neither a plain key of the node nor a param.
-fn check_axis(key: &Key, table: &Table, scope: &Scope, wrong: &mut Vec<Box<Diagnostic>>) {
+fn check_axis(key: &Key, table: &Table, scope: &Scope, wrong: &mut Diagnostics) {
     if let Some((plain, _)) = table.entry(&key.name) {
         let sentence = format!("`{}` is given both plainly and as an axis of variants", key.name);
         wrong.push(Diagnostic::error("given-twice", sentence).at(plain.span.clone()).value(&key.name));
@@ -204,7 +204,7 @@ pub fn meet(
     instances: &[Vec<usize>],
     axes: &[Vec<Axis>],
     names: &[String],
-    wrong: &mut Vec<Box<Diagnostic>>,
+    wrong: &mut Diagnostics,
 ) -> Vec<Combination> {
     let ports = draft.entry.map_or(&[][..], |e| e.ports);
     let mut out = vec![Combination::default()];
@@ -280,7 +280,7 @@ pub fn combine(
     inputs: Vec<Combination>,
     own: &[Vec<Axis>],
     owner_name: impl Fn(usize) -> String,
-    wrong: &mut Vec<Box<Diagnostic>>,
+    wrong: &mut Diagnostics,
 ) -> Vec<Combination> {
     if let (Some(first), Some(mine)) = (inputs.first(), own.first()) {
         let all: Vec<_> = first.axes.iter().chain(mine).collect();

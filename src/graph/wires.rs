@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BinaryHeap};
 use petgraph::algo::tarjan_scc;
 use petgraph::graph::{DiGraph, NodeIndex};
 
-use crate::diag::{Diagnostic, did_you_mean};
+use crate::diag::{Diagnostic, Diagnostics, did_you_mean};
 use crate::op::{Entry, PortDecl};
 use crate::spec::{Data, Key, Table, Val};
 
@@ -36,7 +36,7 @@ pub fn port_name(port: &PortDecl) -> String {
 }
 
 /// Reads every node's `in`. Mistakes: unknown ports and nodes, wrong kinds, missing ports.
-pub fn connect(drafts: &mut [Draft], wrong: &mut Vec<Box<Diagnostic>>) {
+pub fn connect(drafts: &mut [Draft], wrong: &mut Diagnostics) {
     let index: BTreeMap<&str, usize> = drafts.iter().enumerate().map(|(i, d)| (d.key.name.as_str(), i)).collect();
     for at in 0..drafts.len() {
         let Draft { key, table, entry, .. } = drafts[at];
@@ -76,7 +76,7 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Vec<Box<Diagnostic>>) {
     }
 }
 
-fn ports_of<'a>(table: &'a Table, found: &mut Vec<Box<Diagnostic>>) -> &'a [(Key, Val)] {
+fn ports_of<'a>(table: &'a Table, found: &mut Diagnostics) -> &'a [(Key, Val)] {
     match table.get("in") {
         None => &[],
         Some(Val { data: Data::Table(ports), .. }) => &ports.0,
@@ -108,7 +108,7 @@ fn names<'a>(
     key: &Key,
     value: &'a Val,
     index: &BTreeMap<&str, usize>,
-    found: &mut Vec<Box<Diagnostic>>,
+    found: &mut Diagnostics,
 ) -> Vec<Wire<'a>> {
     let list = match &value.data {
         Data::List(list) if port.many => &list[..],
@@ -154,7 +154,7 @@ fn names<'a>(
     wires
 }
 
-fn check_kind(port: &PortDecl, from: &Draft, wire: &Wire, found: &mut Vec<Box<Diagnostic>>) {
+fn check_kind(port: &PortDecl, from: &Draft, wire: &Wire, found: &mut Diagnostics) {
     let Some(entry) = from.entry else { return };
     if !port.kinds.contains(&entry.output) {
         let (name, gives) = (&from.key.name, entry.output.name);
@@ -174,7 +174,7 @@ pub fn kinds(port: &PortDecl) -> String {
 }
 
 /// Inputs before users, file order among equals. Nodes in or behind a cycle come last, as vague.
-pub fn order(drafts: &mut [Draft], wrong: &mut Vec<Box<Diagnostic>>) -> Vec<usize> {
+pub fn order(drafts: &mut [Draft], wrong: &mut Diagnostics) -> Vec<usize> {
     let mut graph = DiGraph::<(), ()>::with_capacity(drafts.len(), drafts.len());
     let nodes: Vec<NodeIndex> = drafts.iter().map(|_| graph.add_node(())).collect();
     for (user, draft) in drafts.iter().enumerate() {

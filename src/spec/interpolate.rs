@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::{Data, Table, Val};
-use crate::diag::{Diagnostic, Span, did_you_mean};
+use crate::diag::{Diagnostic, Diagnostics, Span, did_you_mean};
 
 /// What `${..}` may name in one node: the params, and the axes that reach it.
 pub struct Scope<'a> {
@@ -15,7 +15,7 @@ pub struct Scope<'a> {
 
 impl Scope<'_> {
     /// The value with every `${name}` filled in; what cannot be is `Data::Bad`, and in `wrong`.
-    pub fn fill(&self, value: &Val, wrong: &mut Vec<Box<Diagnostic>>) -> Val {
+    pub fn fill(&self, value: &Val, wrong: &mut Diagnostics) -> Val {
         let data = match &value.data {
             Data::Text(text) if text.contains("${") => return self.fill_text(value, text, wrong),
             Data::List(list) => Data::List(list.iter().map(|v| self.fill(v, wrong)).collect()),
@@ -27,7 +27,7 @@ impl Scope<'_> {
         Val { data, ..value.clone() }
     }
 
-    fn fill_text(&self, value: &Val, text: &str, wrong: &mut Vec<Box<Diagnostic>>) -> Val {
+    fn fill_text(&self, value: &Val, text: &str, wrong: &mut Diagnostics) -> Val {
         let bad = Val { data: Data::Bad, ..value.clone() };
         let pieces = match pieces(text) {
             Ok(pieces) => pieces,
@@ -73,7 +73,7 @@ impl Scope<'_> {
         out
     }
 
-    fn get(&self, name: &str, at: &Val, wrong: &mut Vec<Box<Diagnostic>>) -> Option<Val> {
+    fn get(&self, name: &str, at: &Val, wrong: &mut Diagnostics) -> Option<Val> {
         if let Some((_, value)) = self.axes.iter().find(|(n, _)| n == name) {
             return Some(value.clone());
         }

@@ -16,7 +16,7 @@ pub use interpolate::Scope;
 pub use sets::Override;
 pub use value::{Data, Key, Table, Val};
 
-use crate::diag::{Diagnostic, SourceFile, Span, did_you_mean};
+use crate::diag::{Diagnostic, Diagnostics, SourceFile, Span, did_you_mean};
 
 /// A pipeline as it was written, merged from the file, what it extends and `--set`.
 pub struct Spec {
@@ -36,7 +36,7 @@ pub struct Spec {
 
 impl Spec {
     /// Reads a file with all that it extends. `None` where it cannot be made sense of at all; `wrong` says why.
-    pub fn read(file: &Path, sets: &[String], wrong: &mut Vec<Box<Diagnostic>>) -> Option<Self> {
+    pub fn read(file: &Path, sets: &[String], wrong: &mut Diagnostics) -> Option<Self> {
         let mut chain = Chain { open: Vec::new(), texts: Vec::new() };
         let mut layer = chain.read(file, &file.display().to_string(), None, wrong)?;
         let overrides: Vec<_> = sets.iter().filter_map(|text| Override::read(text, wrong)).collect();
@@ -98,7 +98,7 @@ const TOP: [&str; 4] = ["description", "extends", "node", "params"];
 
 impl Chain {
     /// `name` is the path as the user would write it, `from` the `extends` that asks for it.
-    fn read(&mut self, path: &Path, name: &str, from: Option<&Val>, wrong: &mut Vec<Box<Diagnostic>>) -> Option<Layer> {
+    fn read(&mut self, path: &Path, name: &str, from: Option<&Val>, wrong: &mut Diagnostics) -> Option<Layer> {
         let at = |d: Box<Diagnostic>| match from {
             Some(from) => d.at(from.span.clone()).value(from.written()),
             None => d.value(name),
@@ -165,7 +165,7 @@ impl Chain {
 }
 
 /// With syntax errors only those, the first of each line.
-fn parse(file: &Arc<SourceFile>, wrong: &mut Vec<Box<Diagnostic>>) -> Option<Table> {
+fn parse(file: &Arc<SourceFile>, wrong: &mut Diagnostics) -> Option<Table> {
     let (table, errors) = DeTable::parse_recoverable(&file.text);
     if errors.is_empty() {
         return Some(value::Reader { file, offset: 0, wrong }.table(table.get_ref()));
@@ -187,7 +187,7 @@ fn parse(file: &Arc<SourceFile>, wrong: &mut Vec<Box<Diagnostic>>) -> Option<Tab
 
 impl Layer {
     /// Puts a file's own tables above what it extends.
-    fn add(&mut self, mut own: Table, wrong: &mut Vec<Box<Diagnostic>>) {
+    fn add(&mut self, mut own: Table, wrong: &mut Diagnostics) {
         match own.remove("description").map(|(_, v)| v) {
             None => {}
             Some(Val { data: Data::Text(text), .. }) => self.description = text,
@@ -210,7 +210,7 @@ impl Layer {
         }
     }
 
-    fn add_node(&mut self, key: Key, mut node: Val, wrong: &mut Vec<Box<Diagnostic>>) {
+    fn add_node(&mut self, key: Key, mut node: Val, wrong: &mut Diagnostics) {
         if matches!(node.data, Data::Bool(false)) {
             if self.nodes.remove(&key.name).is_none() {
                 let sentence = format!("there is no node `{}` to remove", key.name);
@@ -242,7 +242,7 @@ impl Layer {
         }
     }
 
-    fn set(&mut self, one: Override, wrong: &mut Vec<Box<Diagnostic>>) {
+    fn set(&mut self, one: Override, wrong: &mut Diagnostics) {
         let first = &one.path[0];
         if first.name == "node" {
             let name = &one.path[1];
@@ -293,7 +293,7 @@ fn axes(node: &Table) -> Vec<String> {
 }
 
 /// A name in kebab-case; no references to other params.
-fn check_param(key: &Key, value: &mut Val, wrong: &mut Vec<Box<Diagnostic>>) {
+fn check_param(key: &Key, value: &mut Val, wrong: &mut Diagnostics) {
     if !is_kebab(&key.name) {
         wrong.push(bad_name("param", key));
     }
@@ -303,7 +303,7 @@ fn check_param(key: &Key, value: &mut Val, wrong: &mut Vec<Box<Diagnostic>>) {
     });
 }
 
-fn is_node(key: &Key, node: &Val, wrong: &mut Vec<Box<Diagnostic>>) -> bool {
+fn is_node(key: &Key, node: &Val, wrong: &mut Diagnostics) -> bool {
     if !is_kebab(&key.name) {
         wrong.push(bad_name("node", key));
     }

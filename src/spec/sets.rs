@@ -6,7 +6,7 @@ use std::sync::Arc;
 use toml::de::DeValue;
 
 use super::value::{Data, Key, Reader, Table, Val};
-use crate::diag::{Diagnostic, SourceFile, Span};
+use crate::diag::{Diagnostic, Diagnostics, SourceFile, Span};
 
 /// One override: where it goes, and what.
 pub struct Override {
@@ -17,7 +17,7 @@ pub struct Override {
 
 impl Override {
     /// Reads `node.simple.keep=0.5`.
-    pub fn read(text: &str, wrong: &mut Vec<Box<Diagnostic>>) -> Option<Self> {
+    pub fn read(text: &str, wrong: &mut Diagnostics) -> Option<Self> {
         let file = Arc::new(SourceFile { name: "--set".into(), path: PathBuf::new(), text: text.into() });
         let span = |range| Span { file: file.clone(), range };
         let bad = |range, message: &str| {
@@ -58,7 +58,7 @@ impl Override {
 }
 
 /// A TOML value, or the text itself where that does not parse.
-fn value(file: &Arc<SourceFile>, offset: usize, wrong: &mut Vec<Box<Diagnostic>>) -> Val {
+fn value(file: &Arc<SourceFile>, offset: usize, wrong: &mut Diagnostics) -> Val {
     let text = &file.text[offset..];
     let (parsed, errors) = DeValue::parse_recoverable(text);
     let mut trouble = Vec::new();

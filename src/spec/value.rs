@@ -6,7 +6,7 @@ use serde_json::{Number, Value};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::diag::{Diagnostic, SourceFile, Span};
+use crate::diag::{Diagnostic, Diagnostics, SourceFile, Span};
 
 /// A value, where it stands, and who wrote it.
 #[derive(Clone, Debug)]
@@ -177,7 +177,7 @@ pub struct Reader<'a> {
     pub file: &'a Arc<SourceFile>,
     /// Where the parsed text begins within the file.
     pub offset: usize,
-    pub wrong: &'a mut Vec<Box<Diagnostic>>,
+    pub wrong: &'a mut Diagnostics,
 }
 
 impl Reader<'_> {
