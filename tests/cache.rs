@@ -161,3 +161,252 @@ fn a_lost_object_in_the_middle_is_made_again() {
     clean.ran();
     assert!(tree(&yard.out()) == tree(&clean.out()));
 }
+
+#[test]
+fn a_plan_says_the_same_and_trusts_nothing_that_changed() {
+    let home = tempfile::tempdir().unwrap();
+    let yard = Yard::diamond(home.path());
+    let cache = home.path().join(".lodge");
+    let replay = || lodge::run::plan::replay(&cache, &yard.identity(), true);
+    assert!(replay().is_none());
+    yard.ran();
+    let first = yard.run();
+    for _ in 0..2 {
+        let again = replay().expect("nothing has changed");
+        assert!(again.ok());
+        let said = |o: &lodge::run::Outcome| -> Vec<_> {
+            let record = |n: &lodge::run::NodeOutcome| n.record.as_ref().map(|r| (r.key, r.digest, r.summary.clone()));
+            o.nodes.iter().map(|n| (n.name.clone(), n.status, record(n))).collect()
+        };
+        assert_eq!(said(&again), said(&first));
+        let files = |o: &lodge::run::Outcome| o.files.iter().map(|f| (f.path.clone(), f.digest)).collect::<Vec<_>>();
+        assert_eq!(files(&again), files(&first));
+    }
+    // Touched, with equal bytes: still nothing to do.
+    yard.file("data.txt", "1 2 3.5");
+    assert!(replay().is_some() && replay().is_some());
+    // Each of these is noticed.
+    let output = yard.out().join("files/n/1.txt");
+    let bytes = fs::read(&output).unwrap();
+    let changes: [&dyn Fn(); 4] = [
+        &|| fs::write(&output, "x").unwrap(),
+        &|| fs::remove_file(&output).unwrap(),
+        &|| {
+            let meta = fs::metadata(&output).unwrap();
+            let other: Vec<u8> = bytes.iter().map(|b| b ^ 1).collect();
+            fs::write(&output, other).unwrap();
+            fs::File::options().write(true).open(&output).unwrap().set_modified(meta.modified().unwrap()).unwrap();
+        },
+        &|| {
+            fs::rename(&output, home.path().join("aside")).unwrap();
+            std::os::unix::fs::symlink(home.path().join("aside"), &output).unwrap();
+        },
+    ];
+    for (i, change) in changes.iter().enumerate() {
+        change();
+        assert!(replay().is_none(), "change {i}");
+        assert_eq!(yard.ran(), [""; 0]);
+        assert_eq!(fs::read(&output).unwrap(), bytes);
+        assert!(replay().is_some());
+    }
+    yard.file("data.txt", "1 2 3.6");
+    assert!(replay().is_none());
+    yard.ran();
+    // Not a bit of the plan may change.
+    let plan = fs::read_dir(cache.join("plans")).unwrap().next().unwrap().unwrap().path();
+    let good = fs::read(&plan).unwrap();
+    for at in (0..good.len()).step_by(97) {
+        let mut bad = good.clone();
+        bad[at] ^= 4;
+        fs::write(&plan, bad).unwrap();
+        assert!(replay().is_none(), "byte {at}");
+        fs::write(&plan, &good[..at]).unwrap();
+        assert!(replay().is_none(), "cut at {at}");
+    }
+    fs::write(&plan, good).unwrap();
+    assert!(replay().is_some());
+}
+
+#[test]
+fn every_rerun_is_explained() {
+    use lodge::run::forecast::{Fate, Reason, forecast};
+    use lodge::run::store::Store;
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    let fates = |yard: &Yard| -> Vec<(String, &'static str, Vec<String>)> {
+        let graph = yard.graph();
+        let store = Store::open(&home.path().join(".lodge")).unwrap();
+        let all = forecast(&graph, &[], &store);
+        let row = |f: &lodge::run::forecast::Forecast| {
+            let word = match f.fate {
+                Fate::Cached(_) => "cached",
+                Fate::Runs => "run",
+                Fate::MayRun(_) => "may-run",
+                Fate::Fails(_) => "fails",
+            };
+            let reasons = f.changes.iter().map(|c| Reason::of(c, &graph, f.index).to_string()).collect();
+            (graph.nodes[f.index].name.clone(), word, reasons)
+        };
+        all.iter().map(row).collect()
+    };
+    let words = |yard: &Yard| fates(yard).into_iter().map(|f| f.1).collect::<Vec<_>>();
+    assert_eq!(words(&yard), ["run", "may-run", "may-run", "may-run", "may-run"]);
+    yard.ran();
+    assert_eq!(words(&yard), ["cached"; 5]);
+
+    yard.set("left", "add", json!(2.5));
+    let now = fates(&yard);
+    assert_eq!(words(&yard), ["cached", "run", "cached", "may-run", "may-run"]);
+    assert_eq!(now[1].2, ["`add`: 1 -> 2.5"]);
+    yard.ran();
+    let now = fates(&yard);
+    assert_eq!(now[1].2, ["`add`: 1 -> 2.5"], "why it last ran");
+    assert!(now[3].2[0].starts_with("`in.values.0`: result of `left`: "), "{:?}", now[3].2);
+
+    yard.file("data.txt", "1 2 3.75");
+    let now = fates(&yard);
+    assert_eq!(words(&yard), ["run", "may-run", "may-run", "may-run", "may-run"]);
+    assert!(now[0].2[0].starts_with("contents of `") && now[0].2[0].contains("data.txt`: "), "{:?}", now[0].2);
+    yard.ran();
+
+    yard.nodes[3].3.pop();
+    let now = fates(&yard);
+    assert_eq!(now[3].1, "run");
+    assert_eq!(now[3].2[0], "number of inputs of `in.values`: 2 -> 1");
+}
+
+/// In a process of its own: a run of the diamond, where the parent says.
+#[test]
+fn child() {
+    let Ok(home) = std::env::var("LODGE_TOY_HOME") else { return };
+    let mut yard = Yard::new(std::path::Path::new(&home));
+    let slow = std::env::var("LODGE_TOY_SLOW").map_or(0, |s| s.parse().unwrap());
+    wide(&mut yard, slow);
+    let outcome = yard.run();
+    println!("RAN {:?} OK {}", yard.names(&outcome, Status::Ran), outcome.ok());
+    assert!(outcome.ok(), "{:?}", outcome.diagnostics());
+}
+
+/// Twelve chains of three, each published. The input is there already: a run at work would see it change.
+fn wide(yard: &mut Yard, slow: u64) {
+    let read = yard.node("read", "toy-read", json!({"path": "data.txt"}), &[]);
+    for i in 0..12 {
+        let a =
+            yard.node(&format!("a{i}"), "toy-add", json!({"add": i, "more": 600 * (i % 3), "slow-ms": slow}), &[read]);
+        let b = yard.node(&format!("b{i}"), "toy-add", json!({"add": 0.5, "slow-ms": slow}), &[a]);
+        yard.node(&format!("c{i}"), "toy-write", json!({"path": format!("c{i}")}), &[b]);
+    }
+}
+
+fn spawn(home: &std::path::Path, slow: u64) -> std::process::Child {
+    std::process::Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "child", "--nocapture"])
+        .env("LODGE_TOY_HOME", home)
+        .env("LODGE_TOY_SLOW", slow.to_string())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn clean_tree(slow: u64) -> Vec<(String, Vec<u8>)> {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::new(home.path());
+    yard.file("data.txt", "1 2 3");
+    wide(&mut yard, slow);
+    yard.ran();
+    tree(&yard.out())
+}
+
+#[test]
+fn runs_at_once_compute_each_node_once() {
+    let right = clean_tree(1);
+    for runs in [2, 8] {
+        let home = tempfile::tempdir().unwrap();
+        fs::write(home.path().join("data.txt"), "1 2 3").unwrap();
+        let children: Vec<_> = (0..runs).map(|_| spawn(home.path(), 1)).collect();
+        let mut ran = Vec::new();
+        for child in children {
+            let out = child.wait_with_output().unwrap();
+            let text = String::from_utf8_lossy(&out.stdout).into_owned();
+            assert!(out.status.success(), "{text}{}", String::from_utf8_lossy(&out.stderr));
+            let list = text.split("RAN [").nth(1).unwrap().split(']').next().unwrap();
+            ran.extend(list.split(", ").filter(|n| !n.is_empty()).map(str::to_string));
+        }
+        ran.sort();
+        let twice: Vec<_> = ran.windows(2).filter(|w| w[0] == w[1]).map(|w| w[0].clone()).collect();
+        assert_eq!((twice, ran.len()), (vec![], 37), "{runs} runs");
+        let yard = Yard::new(home.path());
+        assert!(tree(&yard.out()) == right);
+    }
+}
+
+#[test]
+fn a_killed_run_is_taken_up_where_it_was() {
+    let right = clean_tree(2);
+    let home = tempfile::tempdir().unwrap();
+    fs::write(home.path().join("data.txt"), "1 2 3").unwrap();
+    let mut kills = 0;
+    for round in 0..20u64 {
+        if round % 7 == 0 {
+            let _ = fs::remove_dir_all(home.path().join(".lodge"));
+        }
+        let mut child = spawn(home.path(), 2);
+        std::thread::sleep(std::time::Duration::from_millis(10 + round * 13 % 120));
+        kills += usize::from(child.try_wait().unwrap().is_none());
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    assert!(kills > 5, "{kills}");
+    let mut yard = Yard::new(home.path());
+    wide(&mut yard, 2);
+    yard.ran();
+    assert!(tree(&yard.out()) == right);
+    assert_eq!(yard.ran(), [""; 0]);
+    // Nothing of the dead is left.
+    assert_eq!(fs::read_dir(home.path().join(".lodge/tmp")).unwrap().count(), 0);
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_still_runs() {
+    let home = tempfile::tempdir().unwrap();
+    let yard = Yard::diamond(home.path());
+    let mut options = yard.options();
+    // Nobody, not even root, makes folders here.
+    options.cache = "/sys/lodge".into();
+    let outcome = yard.run_with(&options);
+    assert!(outcome.ok(), "{:?}", outcome.diagnostics());
+    assert_eq!(outcome.warnings.len(), 1);
+    assert!(outcome.warnings[0].contains("cannot be written"));
+    assert_eq!(tree(&yard.out()).len(), 47);
+}
+
+#[test]
+fn verify_finds_and_mends() {
+    use lodge::run::store::Store;
+    use lodge::run::verify::verify;
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.set("right", "more", json!(1000));
+    yard.ran();
+    let cache = home.path().join(".lodge");
+    let look = || verify(&Store::open(&cache).unwrap());
+    assert!(look().is_clean(), "{:?}", look());
+    for (name, bytes) in tree(&cache).into_iter().filter(|f| f.0.contains('/')).step_by(3) {
+        let path = cache.join(&name);
+        let mut bad = bytes.clone();
+        let middle = bad.len() / 2;
+        bad[middle] ^= 1;
+        let _ = fs::remove_file(&path);
+        fs::write(&path, bad).unwrap();
+        let found = look();
+        assert_eq!((found.evicted.len(), found.unrepaired.len()), (1, 0), "{name}: {found:?}");
+        assert!(look().is_clean(), "{name}");
+    }
+    fs::write(cache.join("objects/note"), "x").unwrap();
+    assert_eq!(look().foreign, ["objects/note"]);
+    yard.ran();
+    fs::write(yard.out().join("files/n/3.txt"), "x").unwrap();
+    assert_eq!(look().changed.len(), 1);
+    assert!(yard.run().ok());
+}

@@ -4,20 +4,28 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use super::{Exit, Globals, Stop};
+use super::progress::Teller;
+use super::{Exit, Globals, Stop, Target};
 use crate::diag::Diagnostic;
 use crate::graph::Graph;
-use crate::run::Options;
+use crate::run::plan::{Identity, build_id};
+use crate::run::store::Store;
+use crate::run::{self, Options};
 
 /// Cache folder and output folder of a pipeline file.
 pub struct Place {
     pub cache: PathBuf,
     /// With the pipeline's name.
     pub out: PathBuf,
+    /// The pipeline's.
+    pub name: String,
+    /// Canonical, where there is such a file.
+    file: PathBuf,
 }
 
 impl Place {
     pub fn of(globals: &Globals, file: &Path) -> Self {
+        let name = file.file_stem().map_or_else(|| "pipeline".into(), |s| s.to_string_lossy().into_owned());
         let file = std::fs::canonicalize(file).unwrap_or_else(|_| file.to_path_buf());
         let home = file.parent().unwrap_or(Path::new("."));
         let is_root = |p: &&Path| p.join(".lodge").exists() || p.join(".git").exists();
@@ -28,8 +36,18 @@ impl Place {
             None => None,
         };
         let out = globals.out.clone().or_else(beside).unwrap_or_else(|| root.join("out"));
-        let name = file.file_stem().map_or_else(|| "pipeline".into(), |s| s.to_os_string());
-        Self { cache, out: out.join(name) }
+        Self { cache, out: out.join(&name), name, file }
+    }
+
+    /// What a plan for null reruns is kept under.
+    pub fn identity(&self, target: &Target, only: &[String]) -> Identity {
+        Identity {
+            file: self.file.clone(),
+            sets: target.set.sets.clone(),
+            only: only.to_vec(),
+            out: std::path::absolute(&self.out).unwrap_or_else(|_| self.out.clone()),
+            build: build_id(&crate::ops::ALL),
+        }
     }
 }
 
@@ -75,18 +93,9 @@ pub fn pick(graph: &Graph, names: &[String]) -> Result<Vec<usize>, Stop> {
     let mut out = Vec::new();
     let mut wrong = Vec::new();
     for name in names {
-        let before = out.len();
-        out.extend((0..graph.nodes.len()).filter(|&n| graph.nodes[n].name == *name || graph.nodes[n].base == *name));
-        if out.len() == before {
-            let all = graph.nodes.iter().flat_map(|n| [&*n.name, &*n.base]);
-            let near = all.map(|n| (strsim::damerau_levenshtein(n, name), n)).min();
-            let mut error = Diagnostic::error("unknown-node", format!("`{}` has no node `{name}`", graph.name));
-            if let Some((distance, near)) = near
-                && distance <= 1 + name.len() / 3
-            {
-                error = error.help(format!("did you mean `{near}`?"));
-            }
-            wrong.push(error.value(name));
+        match graph.find(name) {
+            Ok(all) => out.extend(all),
+            Err(error) => wrong.push(error),
         }
     }
     out.sort_unstable();
@@ -95,7 +104,6 @@ pub fn pick(graph: &Graph, names: &[String]) -> Result<Vec<usize>, Stop> {
 }
 
 /// The one node that a name means.
-#[allow(dead_code)] // for `show`, `why` and `export`, which follow
 pub fn pick_one(graph: &Graph, name: &str) -> Result<usize, Stop> {
     let all = pick(graph, &[name.to_string()])?;
     match all[..] {
@@ -108,4 +116,52 @@ pub fn pick_one(graph: &Graph, name: &str) -> Result<usize, Stop> {
             ))
         }
     }
+}
+
+/// The cache, opened. What cannot be used at all is exit 4.
+pub fn store(place: &Place) -> Result<Store, Stop> {
+    Store::open(&place.cache).map_err(|error| {
+        let message = format!("cannot use the cache `{}`: {error}", place.cache.display());
+        Stop { exit: Exit::Damaged, diagnostics: vec![Diagnostic::error("cache", message)] }
+    })
+}
+
+/// Runs what is missing of some nodes, for a command that wants their results; publishes nothing.
+pub fn run_silently(graph: &Arc<Graph>, only: &[usize], globals: &Globals, place: &Place) -> run::Outcome {
+    let mut options = options(globals, place);
+    options.out = None;
+    let mut teller = Teller::new(globals);
+    run::run(graph, only, &options, &mut |event| teller.hear(event))
+}
+
+/// Why a run did not give what was wanted.
+pub fn failure(outcome: &run::Outcome, exit: Exit) -> Stop {
+    let mut diagnostics = outcome.diagnostics();
+    if outcome.interrupted {
+        diagnostics.push(Diagnostic::error("interrupted", "interrupted"));
+    }
+    Stop { exit, diagnostics }
+}
+
+/// Writes a file that the user named: whole, or not at all.
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
+    let write = || {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if path.exists() && !path.is_file() {
+            return std::fs::write(path, bytes); // a pipe or device
+        }
+        let mut file = tempfile::Builder::new().permissions(open_to_all()).tempfile_in(folder)?;
+        std::io::Write::write_all(&mut file, bytes)?;
+        file.persist(path).map_err(|e| e.error)?;
+        Ok(())
+    };
+    write().map_err(|e: std::io::Error| {
+        let message = format!("cannot write `{}`: {e}", path.display());
+        Stop { exit: Exit::Failed, diagnostics: vec![Diagnostic::error("cannot-write", message)] }
+    })
+}
+
+/// As any new file: the umask takes off what should not be.
+fn open_to_all() -> std::fs::Permissions {
+    std::os::unix::fs::PermissionsExt::from_mode(0o666)
 }

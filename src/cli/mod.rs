@@ -2,15 +2,21 @@
 //! `Args` (clap) with `run(self, &Globals) -> Outcome`. A new command is three lines here.
 
 mod accept;
+mod cache;
 mod check;
 mod engine;
+mod export;
 mod graph;
 mod ops;
+mod plan;
+mod progress;
 mod reject;
 pub mod render;
 mod run;
 mod schema;
+mod show;
 mod test;
+mod why;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -36,33 +42,48 @@ struct Cli {
 enum Command {
     /// Pending snapshots become the snapshots
     Accept(accept::Args),
+    /// Size and integrity of the cache
+    Cache(cache::Args),
     /// Find every mistake that can be known without reading data
     Check(check::Args),
+    /// Write a node's result in an open format
+    Export(export::Args),
     /// The graph as Mermaid, DOT or SVG, with state and time
     Graph(graph::Args),
     /// The manual of the operators, from their own declarations
     Ops(ops::Args),
+    /// Tell what a run would do, and why
+    Plan(plan::Args),
     /// Throw pending snapshots away
     Reject(reject::Args),
-    /// The JSON Schema of pipeline files, for editors
-    Schema(schema::Args),
     /// Run what is needed and publish what writers made
     Run(run::Args),
+    /// The JSON Schema of pipeline files, for editors
+    Schema(schema::Args),
+    /// Show the summary of a node's result
+    Show(show::Args),
     /// Compare each stage with its snapshot
     Test(test::Args),
+    /// Tell what makes a node run: old and new value
+    Why(why::Args),
 }
 
 impl Command {
     fn run(self, globals: &Globals) -> Outcome {
         match self {
             Command::Accept(args) => args.run(globals),
+            Command::Cache(args) => args.run(globals),
             Command::Check(args) => args.run(globals),
+            Command::Export(args) => args.run(globals),
             Command::Graph(args) => args.run(globals),
             Command::Ops(args) => args.run(globals),
+            Command::Plan(args) => args.run(globals),
             Command::Reject(args) => args.run(globals),
-            Command::Schema(args) => args.run(globals),
             Command::Run(args) => args.run(globals),
+            Command::Schema(args) => args.run(globals),
+            Command::Show(args) => args.run(globals),
             Command::Test(args) => args.run(globals),
+            Command::Why(args) => args.run(globals),
         }
     }
 }
@@ -194,7 +215,7 @@ pub type Outcome = Result<Exit, Stop>;
 pub fn main() -> ExitCode {
     let json = std::env::args_os().any(|a| a == "--json");
     let exit = match Cli::try_parse() {
-        Ok(cli) => cli.command.run(&cli.globals).unwrap_or_else(|stop| {
+        Ok(cli) => run(cli).unwrap_or_else(|stop| {
             tell(&stop.diagnostics, json);
             stop.exit
         }),
@@ -208,6 +229,11 @@ pub fn main() -> ExitCode {
         }
     };
     ExitCode::from(exit as u8)
+}
+
+fn run(cli: Cli) -> Outcome {
+    progress::log(&cli.globals);
+    cli.command.run(&cli.globals)
 }
 
 /// Diagnostics to standard error, or as the one JSON object to standard output.

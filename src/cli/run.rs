@@ -5,10 +5,10 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::engine::{self, Place};
+use super::progress::Teller;
 use super::{Exit, Globals, Outcome, Target, render};
-use crate::graph::Graph;
-use crate::run::event::{Event, Status};
-use crate::run::{self, NodeOutcome};
+use crate::run::event::Status;
+use crate::run::{self, NodeOutcome, plan};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -25,25 +25,32 @@ pub struct Args {
 impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
         let place = Place::of(globals, &self.target.file);
+        let identity = place.identity(&self.target, &self.nodes);
+        if !self.verify
+            && globals.events.is_none()
+            && let Some(outcome) = plan::replay(&place.cache, &identity, globals.json)
+        {
+            tell(&place.name, &outcome, globals);
+            return Ok(Exit::Done);
+        }
         let graph = Arc::new(self.target.load()?);
         let only = engine::pick(&graph, &self.nodes)?;
         let mut options = engine::options(globals, &place);
         options.verify = self.verify;
-        let quiet = globals.quiet;
-        let outcome = run::run(&graph, &only, &options, &mut |event| {
-            if let (Event::Warning { node: None, text }, false) = (event, quiet) {
-                eprintln!("warning: {text}");
-            }
-        });
-        let errors: Vec<_> =
-            outcome.nodes.iter().filter_map(|n| n.error.clone()).chain(outcome.errors.iter().cloned()).collect();
-        eprint!("{}", render::text(&errors, render::Style::for_stderr()));
-        if globals.json {
-            super::print(&to_json(&graph, &outcome));
-        } else if !quiet {
-            super::say(&table(&graph, &outcome));
-        }
+        options.plan = Some(identity);
+        let mut teller = Teller::new(globals);
+        let outcome = run::run(&graph, &only, &options, &mut |event| teller.hear(event));
+        eprint!("{}", render::text(&outcome.diagnostics(), render::Style::for_stderr()));
+        tell(&graph.name, &outcome, globals);
         Ok(exit(&outcome))
+    }
+}
+
+fn tell(pipeline: &str, outcome: &run::Outcome, globals: &Globals) {
+    if globals.json {
+        super::print(&to_json(pipeline, outcome));
+    } else if !globals.quiet {
+        super::say(&table(pipeline, outcome));
     }
 }
 
@@ -59,7 +66,7 @@ pub fn exit(outcome: &run::Outcome) -> Exit {
 }
 
 /// The object of `run --json`.
-pub fn to_json(graph: &Graph, outcome: &run::Outcome) -> Value {
+pub fn to_json(pipeline: &str, outcome: &run::Outcome) -> Value {
     let files: Vec<_> = outcome
         .files
         .iter()
@@ -67,10 +74,10 @@ pub fn to_json(graph: &Graph, outcome: &run::Outcome) -> Value {
         .collect();
     let mut out = json!({
         "lodge": env!("CARGO_PKG_VERSION"),
-        "pipeline": graph.name,
+        "pipeline": pipeline,
         "ok": outcome.ok(),
         "seconds": outcome.seconds,
-        "nodes": outcome.nodes.iter().map(|n| node_json(graph, n)).collect::<Vec<_>>(),
+        "nodes": outcome.nodes.iter().map(node_json).collect::<Vec<_>>(),
         "files": files,
         "warnings": outcome.warnings,
     });
@@ -80,12 +87,11 @@ pub fn to_json(graph: &Graph, outcome: &run::Outcome) -> Value {
     out
 }
 
-fn node_json(graph: &Graph, node: &NodeOutcome) -> Value {
-    let of = &graph.nodes[node.index];
+fn node_json(node: &NodeOutcome) -> Value {
     let record = node.record.as_ref();
     let mut out = json!({
-        "name": of.name,
-        "op": of.entry.name,
+        "name": node.name,
+        "op": node.op,
         "status": node.status.name(),
         "seconds": node.seconds,
         "digest": record.map(|r| r.digest),
@@ -103,11 +109,11 @@ fn node_json(graph: &Graph, node: &NodeOutcome) -> Value {
 }
 
 /// A row per node: name, what happened, time, size.
-fn table(graph: &Graph, outcome: &run::Outcome) -> String {
-    let width = outcome.nodes.iter().map(|n| graph.nodes[n.index].name.chars().count()).max().unwrap_or(0);
+fn table(pipeline: &str, outcome: &run::Outcome) -> String {
+    let width = outcome.nodes.iter().map(|n| n.name.chars().count()).max().unwrap_or(0);
     let mut out = String::new();
     for node in &outcome.nodes {
-        let name = &graph.nodes[node.index].name;
+        let name = &node.name;
         let bytes = node.record.as_ref().map_or(String::new(), |r| size(r.bytes + r.blob_bytes));
         let time = if node.status == Status::Skipped { String::new() } else { time(node.seconds) };
         let why = node.because.as_ref().map_or(String::new(), |b| format!("  because of `{b}`"));
@@ -121,14 +127,14 @@ fn table(graph: &Graph, outcome: &run::Outcome) -> String {
     let parts = [Status::Ran, Status::Cached, Status::Failed, Status::Skipped].map(|s| (count(s), s.name()));
     let parts: Vec<_> = parts.iter().filter(|p| p.0 > 0).map(|(n, s)| format!("{n} {s}")).collect();
     let written = outcome.files.iter().filter(|f| f.written).count();
-    out += &format!("{}: {}", graph.name, parts.join(", "));
+    out += &format!("{pipeline}: {}", parts.join(", "));
     if !outcome.files.is_empty() {
         out += &format!("; {} of {} files written", written, outcome.files.len());
     }
     out + &format!("; {}\n", time(outcome.seconds))
 }
 
-fn time(seconds: f64) -> String {
+pub fn time(seconds: f64) -> String {
     if seconds < 1.0 { format!("{:.1} ms", seconds * 1e3) } else { format!("{seconds:.2} s") }
 }
 

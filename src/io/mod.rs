@@ -1,6 +1,7 @@
 //! Bytes to artifacts and back, in the formats' own words.
 
 pub mod cityjson;
+pub mod csv;
 pub mod geojson;
 pub mod gltf;
 pub mod json;

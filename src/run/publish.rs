@@ -10,7 +10,7 @@ use super::codec::{Reader, Writer};
 use super::event::{Event, Observer};
 use super::executor::decode;
 use super::record::Record;
-use super::stamp::{self, Stamp};
+use super::stamp::{self, Stamp, boot};
 use super::store::Store;
 use crate::artifact::{Files, files};
 use crate::diag::Diagnostic;
@@ -18,7 +18,7 @@ use crate::digest::Digest;
 use crate::graph::Graph;
 
 /// A published file, as it is after the run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Published {
     /// Below the output folder.
     pub path: String,
@@ -73,7 +73,11 @@ pub fn publish(
     let stays = |p: &&Published| !fresh.contains(&*p.node) && known.contains(&*p.node);
     all.extend(before.values().filter(stays).map(|p| (&*p.path, p)));
     all.extend(found.files.iter().map(|p| (&*p.path, p)));
-    if let Err(error) = store.put_state("published", &state, &write_state(&all)) {
+    let bytes = write_state(out, &all);
+    // Not touched where nothing changed: plans depend on it.
+    if bytes != store.get_state("published", &state)
+        && let Err(error) = store.put_state("published", &state, &bytes)
+    {
         tracing::debug!(%error, "cannot note what was published");
     }
     found
@@ -257,7 +261,7 @@ fn is_below(path: &str) -> bool {
 
 // -------------------------------------------------------------------------------------------------------- state
 
-fn state_name(graph: &Graph, out: &Path) -> String {
+pub fn state_name(graph: &Graph, out: &Path) -> String {
     let mut name = Writer::default();
     name.text(&graph.file.to_string_lossy());
     name.text(&absolute(out).to_string_lossy());
@@ -270,25 +274,48 @@ fn absolute(path: &Path) -> PathBuf {
 
 /// What the last runs published here. A damaged state is none: then nothing is removed, and everything read.
 fn read_state(store: &Store, name: &str) -> BTreeMap<String, Published> {
-    let bytes = fs::read(store.state("published", name)).unwrap_or_default();
-    let parse = || {
-        let mut from = Reader::unseal(&bytes, TAG)?;
-        // A reboot may have lost what was written without waiting for the disk.
-        let same_boot = from.text()? == boot();
-        from.list(|f| {
-            let path = f.text()?.to_string();
-            let node = f.text()?.to_string();
-            let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
-            let stamp = if same_boot { stamp } else { Stamp::default() };
-            Some(Published { path, digest, bytes, written: false, stamp, node })
-        })
-    };
-    parse().unwrap_or_default().into_iter().map(|p| (p.path.clone(), p)).collect()
+    let all = parse(&store.get_state("published", name)).map_or(Vec::new(), |(_, all)| all);
+    all.into_iter().map(|p| (p.path.clone(), p)).collect()
 }
 
-fn write_state(all: &BTreeMap<&str, &Published>) -> Vec<u8> {
+/// The output folder and what lies there.
+fn parse(bytes: &[u8]) -> Option<(PathBuf, Vec<Published>)> {
+    let mut from = Reader::unseal(bytes, TAG)?;
+    // A reboot may have lost what was written without waiting for the disk.
+    let same_boot = from.text()? == boot();
+    let out = PathBuf::from(from.text()?);
+    let all = from.list(|f| {
+        let (path, node) = (f.text()?.to_string(), f.text()?.to_string());
+        let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
+        let stamp = if same_boot { stamp } else { Stamp::default() };
+        Some(Published { path, digest, bytes, written: false, stamp, node })
+    })?;
+    Some((out, all))
+}
+
+pub fn is_whole(bytes: &[u8]) -> bool {
+    parse(bytes).is_some()
+}
+
+/// All that this cache knows to be published, with the folder it lies in.
+pub fn all(store: &Store) -> Vec<(PathBuf, Published)> {
+    let mut names: Vec<_> = fs::read_dir(store.root().join("published")).into_iter().flatten().flatten().collect();
+    names.sort_by_key(|e| e.file_name());
+    let states = names.iter().filter_map(|e| parse(&store.get_state("published", e.file_name().to_str()?)));
+    states.flat_map(|(out, all)| all.into_iter().map(move |p| (out.clone(), p))).collect()
+}
+
+/// Puts a published file back from its object; false where that is lost.
+pub fn restore(store: &Store, out: &Path, file: &Published) -> io::Result<bool> {
+    let before = BTreeMap::new();
+    let work = Work { out, store, before: &before, verify: true, remote: false };
+    Ok(work.write(&out.join(&file.path), &file.digest)?.is_some())
+}
+
+fn write_state(folder: &Path, all: &BTreeMap<&str, &Published>) -> Vec<u8> {
     let mut out = Writer::default();
     out.text(&boot());
+    out.text(&absolute(folder).to_string_lossy());
     out.u32(all.len() as u32);
     for file in all.values() {
         out.text(&file.path);
@@ -298,9 +325,4 @@ fn write_state(all: &BTreeMap<&str, &Published>) -> Vec<u8> {
         file.stamp.write(&mut out);
     }
     out.sealed(TAG)
-}
-
-/// Names the time since the machine was started; nothing is synced to disk, so stamps do not outlive that.
-pub fn boot() -> String {
-    fs::read_to_string("/proc/sys/kernel/random/boot_id").map_or(String::new(), |t| t.trim().to_string())
 }

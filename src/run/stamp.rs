@@ -4,15 +4,17 @@
 //! and mtime; ctime it cannot set. A clock that ticks coarsely can give two writes one ctime: so a stamp counts only if
 //! it was taken a margin after the file's last change.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nix::libc;
 
 use super::codec::{Reader, Writer};
-use super::store::PIECE;
+use super::executor::InputFile;
+use super::store::{PIECE, Store};
 use crate::digest::Digest;
 
 /// What the file system says of a file, and when it said so.
@@ -127,6 +129,69 @@ pub fn is_remote(path: &Path) -> bool {
             },
         }
     }
+}
+
+/// Digests of input files that were read before, with the stamps that they had.
+#[derive(Default)]
+pub struct Stamps {
+    known: BTreeMap<PathBuf, (Stamp, Digest)>,
+    changed: bool,
+}
+
+const TAG: &str = "lodge stamps 1";
+
+impl Stamps {
+    pub fn load(store: &Store) -> Self {
+        let bytes = store.get_state("runs", "stamps");
+        let parse = || {
+            let mut from = Reader::unseal(&bytes, TAG)?;
+            let same_boot = from.text()? == boot();
+            let all = from.list(|f| Some((PathBuf::from(f.text()?), (Stamp::read(f)?, f.digest()?))))?;
+            same_boot.then(|| all.into_iter().collect())
+        };
+        Self { known: parse().unwrap_or_default(), changed: false }
+    }
+
+    /// A file that is surely as it was when it was read.
+    pub fn known(&self, path: &Path) -> Option<InputFile> {
+        let &(stamp, digest) = self.known.get(path)?;
+        let now = Stamp::of_input(path).ok()?;
+        let sure = now.same(&stamp) && stamp.settled(is_remote(path));
+        sure.then(|| InputFile { path: path.to_path_buf(), stamp, digest })
+    }
+
+    pub fn add(&mut self, file: &InputFile) {
+        self.known.insert(file.path.clone(), (file.stamp, file.digest));
+        self.changed = true;
+    }
+
+    pub fn save(&self, store: &Store) {
+        if !self.changed {
+            return;
+        }
+        let mut out = Writer::default();
+        out.text(&boot());
+        let utf8: Vec<_> = self.known.iter().filter_map(|(path, v)| Some((path.to_str()?, v))).collect();
+        out.u32(utf8.len() as u32);
+        for (path, (stamp, digest)) in utf8 {
+            out.text(path);
+            stamp.write(&mut out);
+            out.digest(digest);
+        }
+        if let Err(error) = store.put_state("runs", "stamps", &out.sealed(TAG)) {
+            tracing::debug!(%error, "cannot keep stamps");
+        }
+    }
+}
+
+/// Whether the stored stamps are as they were written.
+pub fn is_whole(bytes: &[u8]) -> bool {
+    Reader::unseal(bytes, TAG).is_some()
+}
+
+/// Names the time since the machine was started; nothing is synced to disk, so stamps do not outlive that.
+pub fn boot() -> String {
+    fs::read_to_string("/proc/sys/kernel/random/boot_id").map_or(String::new(), |t| t.trim().to_string())
 }
 
 /// Reads a file whole: the stamp it had before, and its digest. A file that changes meanwhile is an error.

@@ -79,23 +79,15 @@ impl Store {
             }
         }
         let id = fresh_id();
-        let (write, overlay) = match prepare(root, id) {
-            Ok(()) => (root.to_path_buf(), None),
+        let (write, overlay, locks, alive) = match prepare(root, id) {
+            Ok((locks, alive)) => (root.to_path_buf(), None, Some(locks), Some(alive)),
             Err(e) if is_read_only(&e) => {
                 let folder = tempfile::Builder::new().prefix("lodge-").tempdir()?;
                 prepare(folder.path(), id)?;
-                (folder.path().to_path_buf(), Some(folder))
+                (folder.path().to_path_buf(), Some(folder), None, None)
             }
             Err(e) => return Err(e),
         };
-        let locks = match overlay {
-            None => Some(Locks::open(&root.join("locks"))?),
-            Some(_) => None,
-        };
-        let alive = locks.as_ref().and_then(|l| match l.claim(id) {
-            Claim::Got(guard) => Some(guard),
-            Claim::Busy(_) => None,
-        });
         let store = Self {
             root: root.to_path_buf(),
             write,
@@ -146,6 +138,13 @@ impl Store {
             }
             other => other,
         }
+    }
+
+    /// A state file's bytes; none where there is no such file.
+    pub fn get_state(&self, folder: &str, name: &str) -> Vec<u8> {
+        let mut out = Vec::new();
+        let read = open(&self.state(folder, name)).and_then(|mut f| f.read_to_end(&mut out));
+        if read.is_ok() { out } else { Vec::new() }
     }
 
     /// Claims a key, so that two processes do not compute it at once. None where there are no claims.
@@ -216,6 +215,21 @@ impl Store {
     /// Makes `key` a miss until it is put again.
     pub fn drop_result(&self, key: &Digest) {
         self.index.lock().unwrap().dropped.insert(*key);
+    }
+
+    /// Whether the run of this id is at work.
+    pub fn is_alive(&self, id: u64) -> bool {
+        id != self.id && self.locks.as_ref().is_some_and(|l| l.is_held(id))
+    }
+
+    /// Puts a whole pack in place of a damaged one of a run that has ended.
+    pub fn replace_pack(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        if bytes.is_empty() {
+            return fs::remove_file(path);
+        }
+        let fresh = self.fresh();
+        fs::write(&fresh, bytes)?;
+        fs::rename(&fresh, path)
     }
 
     // ----------------------------------------------------------------------------------------------- objects
@@ -355,6 +369,11 @@ impl Store {
         Ok(())
     }
 
+    /// Removes this run's folder. Nothing large can be written afterwards.
+    pub fn close(&self) {
+        let _ = fs::remove_dir_all(self.write.join("tmp").join(format!("{:016x}", self.id)));
+    }
+
     /// Removes what runs that died left in `tmp`.
     fn sweep(&self) {
         let Some(locks) = &self.locks else { return };
@@ -372,7 +391,7 @@ impl Store {
 
 impl Drop for Store {
     fn drop(&mut self) {
-        let _ = fs::remove_dir_all(self.write.join("tmp").join(format!("{:016x}", self.id)));
+        self.close();
     }
 }
 
@@ -404,7 +423,7 @@ fn object_path(root: &Path, digest: &Digest) -> PathBuf {
 }
 
 /// For reading, never through a link.
-fn open(path: &Path) -> io::Result<File> {
+pub fn open(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)
 }
 
@@ -412,11 +431,13 @@ fn is_read_only(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied)
 }
 
-/// Folders and marker files. A marker that is not as it should be is rewritten.
-fn prepare(root: &Path, id: u64) -> io::Result<()> {
-    let own = root.join("tmp").join(format!("{id:016x}"));
+/// Folders and marker files. A marker that is not as it should be is rewritten. The run says that it lives before its
+/// folder is there, else another would sweep it away.
+fn prepare(root: &Path, id: u64) -> io::Result<(Arc<Locks>, Guard)> {
     fs::create_dir_all(root.join("packs"))?;
-    fs::create_dir_all(own)?;
+    let locks = Locks::open(&root.join("locks"))?;
+    let Claim::Got(alive) = locks.claim(id) else { return Err(io::Error::other("another run has the same id")) };
+    fs::create_dir_all(root.join("tmp").join(format!("{id:016x}")))?;
     let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# Made by lodge; can be deleted at any time, and is then computed again.\n";
     for (name, text) in [("CACHEDIR.TAG", tag), (".gitignore", "*\n")] {
         let path = root.join(name);
@@ -426,7 +447,7 @@ fn prepare(root: &Path, id: u64) -> io::Result<()> {
         let _ = fs::remove_file(&path);
         fs::write(&path, text)?;
     }
-    Ok(())
+    Ok((locks, alive))
 }
 
 /// Ids rise with time, so that packs are read in the order of their runs.

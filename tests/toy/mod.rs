@@ -12,6 +12,7 @@ use lodge::diag::{Diagnostic, Note, Result, SourceFile, Span};
 use lodge::graph::{Graph, Node, Snapshot};
 use lodge::op::{Ctx, Entry, Op};
 use lodge::run::event::Status;
+use lodge::run::plan::Identity;
 use lodge::run::{self, Options, Outcome};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -230,7 +231,13 @@ impl Yard {
         let mut options = Options::new(self.home.join(".lodge"));
         options.out = Some(self.out());
         options.jobs = 2;
+        options.plan = Some(self.identity());
         options
+    }
+
+    pub fn identity(&self) -> Identity {
+        let none = Vec::new;
+        Identity { file: "toy".into(), sets: none(), only: none(), out: self.out(), build: "toy".into() }
     }
 
     pub fn out(&self) -> PathBuf {
