@@ -189,7 +189,8 @@ fn coordinates_that_are_none() {
         ]
     );
     // Projected: what no system reaches.
-    let all = [house("a", 0), feature(r#""id":"b""#, "Polygon", &ring("1e300"))];
+    let metres = feature(r#""id":"a""#, "Polygon", "[[[90000,440000],[90009,440000],[90000,440009],[90000,440000]]]");
+    let all = [metres, feature(r#""id":"b""#, "Polygon", &ring("1e300"))];
     let (out, f) = read::<ReadGeojson>("crs = 'EPSG:28992'", &[("a.geojson", collection(&all))]);
     assert_eq!((out.unwrap().len(), f.rejects[0].cause.as_str()), (1, "a coordinate beyond 100,000 km"));
 }

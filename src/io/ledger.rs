@@ -18,6 +18,29 @@ pub struct Ledger<'r> {
     first: Option<Note>,
 }
 
+/// What the counts mean, and a reader's own keys: M is 8 more than N.
+pub const fn facts<const N: usize, const M: usize>(
+    own: [(&'static str, &'static str); N],
+) -> [(&'static str, &'static str); M] {
+    let all = [
+        ("read", "features in the input: accepted + rejected + filtered"),
+        ("accepted", "features in the result"),
+        ("rejected", "features left out because something is wrong with them; listed with id, place and cause"),
+        ("filtered", "features not asked for: by `where` or by their type"),
+        ("filtered_by_where", "of those, by `where`"),
+        ("filtered_by_type", "of those, by type of geometry or object"),
+        ("rejected_by_cause", "rejected features of each cause"),
+        ("repaired_by_cause", "features changed by a written rule, of each rule"),
+    ];
+    let mut out = [("", ""); M];
+    let mut i = 0;
+    while i < M {
+        out[i] = if i < all.len() { all[i] } else { own[i - all.len()] };
+        i += 1;
+    }
+    out
+}
+
 impl<'r> Ledger<'r> {
     pub fn new(report: &'r Report) -> Self {
         let none = BTreeMap::new;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::json::Scalar;
 use crate::artifact::{Cell, Table};
-use crate::diag::{Diagnostic, Result};
+use crate::diag::{Diagnostic, Result, did_you_mean};
 
 /// An attribute, or several of which the first present counts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -190,14 +190,8 @@ impl Seen {
     pub fn finish<'n>(&self, names: impl Iterator<Item = &'n str>) -> Result<()> {
         let Some((param, name, _)) = self.wanted.iter().find(|w| !w.2) else { return Ok(()) };
         let message = format!("no feature has the attribute `{name}` that `{param}` names");
-        let mut e = Diagnostic::error("unknown-attribute", message).value(name.clone());
-        let near = names.map(|n| (strsim::damerau_levenshtein(&n.to_lowercase(), &name.to_lowercase()), n)).min();
-        if let Some((far, n)) = near
-            && far <= 2 + name.len() / 4
-        {
-            e = e.help(format!("did you mean `{n}`?"));
-        }
-        Err(e)
+        let e = Diagnostic::error("unknown-attribute", message).value(name.clone());
+        Err(e.help_nearest(did_you_mean(name, names)))
     }
 }
 

@@ -21,7 +21,7 @@ use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::Point;
 use crate::geom::repair::{self, Repairs};
 use crate::geom::union::union;
-use crate::io::ledger::Ledger;
+use crate::io::ledger::{self, Ledger};
 use crate::io::pick::Seen;
 use crate::op::{Ctx, Op};
 use crate::{inputs, params};
@@ -49,6 +49,8 @@ impl Op for Footprint {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Footprints;
+    const FACTS: &'static [(&'static str, &'static str)] =
+        &ledger::facts::<1, 9>([("lods", "buildings for each level of detail that gave their ground")]);
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Footprints> {
         let mut ledger = Ledger::new(ctx.report);

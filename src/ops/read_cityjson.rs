@@ -19,7 +19,7 @@ use crate::artifact::{Buildings, Shapes, Strings, Table};
 use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::frame::{Projector, grid};
 use crate::io::cityjson::{self, Boundary, Model, Object, Transform};
-use crate::io::ledger::Ledger;
+use crate::io::ledger::{self, Ledger};
 use crate::io::pick;
 use crate::io::place::{Bounds, NOWHERE, Placed, Unsaid, place, too_far};
 use crate::op::{Ctx, Mistake, Op, Source};
@@ -50,6 +50,11 @@ impl Op for ReadCityjson {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Buildings;
+    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<3, 11>([
+        ("parts", "building parts, which belong to their buildings"),
+        ("filtered_geometries", "geometries of kinds that are not taken (points, lines, templates), by kind"),
+        ("repeated_geometries", "geometries left out for a better one of the same object and level"),
+    ]);
 
     fn check(&self) -> Vec<Mistake> {
         match crate::io::geojson::crs_or_empty(&self.crs) {

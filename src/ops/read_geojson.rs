@@ -18,7 +18,7 @@ use crate::geom::Point;
 use crate::geom::frame::{Projector, grid};
 use crate::geom::repair::{self, Repairs};
 use crate::io::geojson::{self, Feature, Geometry, GeometryKind};
-use crate::io::ledger::Ledger;
+use crate::io::ledger::{self, Ledger};
 use crate::io::pick::{self, Metres, Names, Seen, Where};
 use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
 use crate::op::{Ctx, Mistake, Op, Source};
@@ -64,6 +64,11 @@ impl Op for ReadGeojson {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Footprints;
+    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<3, 11>([
+        ("heights_from_levels", "buildings whose height is their storeys times 3 m"),
+        ("defaulted_heights", "buildings that got `default-height`"),
+        ("unreadable_heights", "buildings with a height that is no number of metres"),
+    ]);
     const FACTS: &'static [(&'static str, &'static str)] = &[
         ("read", "features read: accepted + rejected + filtered"),
         ("accepted", "features of the result"),
@@ -335,7 +340,7 @@ fn settle(draft: Draft, params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) ->
 
 /// Features whose id an earlier one has.
 fn repeated(ids: &Strings) -> Vec<usize> {
-    #[allow(clippy::disallowed_types)] // asked only whether it holds a text: its order gets nowhere
+    #[allow(clippy::disallowed_types, reason = "asked only whether it holds a text: its order gets nowhere")]
     let mut seen = std::collections::HashSet::with_capacity(ids.len());
     ids.iter().enumerate().filter(|(_, id)| !seen.insert(*id)).map(|(i, _)| i).collect()
 }

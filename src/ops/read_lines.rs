@@ -14,7 +14,7 @@ use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::Point;
 use crate::geom::frame::grid;
 use crate::io::geojson::{self, GeometryKind};
-use crate::io::ledger::Ledger;
+use crate::io::ledger::{self, Ledger};
 use crate::io::pick::{self, Names, Seen, Where};
 use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
 use crate::op::{Ctx, Mistake, Op, Source};
@@ -48,6 +48,7 @@ impl Op for ReadLines {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Lines;
+    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<0, 8>([]);
 
     fn check(&self) -> Vec<Mistake> {
         match geojson::crs_or_empty(&self.crs) {
