@@ -69,19 +69,6 @@ impl Op for ReadGeojson {
         ("defaulted_heights", "buildings that got `default-height`"),
         ("unreadable_heights", "buildings with a height that is no number of metres"),
     ]);
-    const FACTS: &'static [(&'static str, &'static str)] = &[
-        ("read", "features read: accepted + rejected + filtered"),
-        ("accepted", "features of the result"),
-        ("rejected", "features left out as broken"),
-        ("filtered", "features left out as not asked for"),
-        ("filtered_by_where", "of these by `where`"),
-        ("filtered_by_type", "of these by geometry type"),
-        ("rejected_by_cause", "a table: rejected features by cause"),
-        ("repaired_by_cause", "a table: repaired features by cause"),
-        ("heights_from_levels", "heights that come from storeys"),
-        ("defaulted_heights", "heights that are `default-height`"),
-        ("unreadable_heights", "heights that are no number"),
-    ];
 
     fn check(&self) -> Vec<Mistake> {
         let mut out = Vec::new();
