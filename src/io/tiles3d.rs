@@ -1,37 +1,76 @@
 //! `tileset.json` of 3D Tiles 1.1: explicit tiling, boxes, a metadata entity on every tile.
 //!
-//! Only what lodge writes; read back, other members are passed over. Keys come in this order, numbers in their
-//! shortest text.
+//! Only what lodge writes. Keys come in this order, numbers in their shortest text.
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
-/// The file.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// The file; its tiles are a list, so that no depth of the tree is too deep.
+#[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Tileset {
     pub asset: Asset,
     /// What is missed when nothing is drawn, metres.
     pub geometric_error: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub schema: Option<Schema>,
-    pub root: Tile,
-    #[serde(default, skip_serializing_if = "Value::is_null")]
+    pub schema: Schema,
+    #[serde(skip_serializing_if = "Value::is_null")]
     pub extras: Value,
+    /// Parents before children, the root first.
+    #[serde(skip)]
+    pub tiles: Vec<Tile>,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+impl Tileset {
+    /// The file's bytes. Brothers come in the order of the list.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut children: Vec<Vec<usize>> = vec![Vec::new(); self.tiles.len()];
+        for (t, tile) in self.tiles.iter().enumerate() {
+            if let Some(parent) = tile.parent {
+                children[parent].push(t);
+            }
+        }
+        let mut out = Vec::new();
+        open(&mut out, self);
+        out.extend_from_slice(b",\"root\":");
+        open(&mut out, &self.tiles[0]);
+        // Tiles that are open, and how many of their children are written.
+        let mut stack = vec![(0, 0)];
+        while let Some((tile, done)) = stack.last_mut() {
+            let Some(&child) = children[*tile].get(*done) else {
+                out.extend_from_slice(if *done > 0 { b"]}" } else { b"}" });
+                stack.pop();
+                continue;
+            };
+            out.extend_from_slice(if *done > 0 { b"," } else { b",\"children\":[" });
+            *done += 1;
+            open(&mut out, &self.tiles[child]);
+            stack.push((child, 0));
+        }
+        out.push(b'}');
+        out
+    }
+}
+
+/// Appends an object that is not yet closed.
+fn open(out: &mut Vec<u8>, object: &impl Serialize) {
+    serde_json::to_writer(&mut *out, object).expect("a tileset is plain data");
+    out.pop();
+}
+
+#[derive(Clone, Debug, Serialize)]
 pub struct Asset {
     pub version: String,
-    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub generator: String,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Tile {
+    /// Place in the list; none of the root.
+    #[serde(skip)]
+    pub parent: Option<usize>,
     pub bounding_volume: Volume,
     /// What is missed when this tile is drawn and its children are not, metres.
     pub geometric_error: f64,
@@ -42,13 +81,10 @@ pub struct Tile {
     pub transform: Option<[f64; 16]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub content: Option<Content>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub metadata: Option<Metadata>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub children: Vec<Tile>,
+    pub metadata: Metadata,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub enum Refine {
     Add,
@@ -56,7 +92,7 @@ pub enum Refine {
 }
 
 /// Middle, then the half axes.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Volume {
     #[serde(rename = "box")]
     pub bounds: [f64; 12],
@@ -80,22 +116,22 @@ impl Volume {
     }
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Content {
     pub uri: String,
-    #[serde(default, skip_serializing_if = "Value::is_null")]
+    #[serde(skip_serializing_if = "Value::is_null")]
     pub extras: Value,
 }
 
 /// What the properties of metadata entities are.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Schema {
     pub id: String,
     pub classes: BTreeMap<String, Value>,
 }
 
 /// Values of one entity.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Metadata {
     pub class: String,
     pub properties: BTreeMap<String, Value>,

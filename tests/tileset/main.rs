@@ -105,6 +105,18 @@ fn one_building() {
     assert_eq!((seen.tiles, seen.triangles), (1, 10));
 }
 
+#[test]
+fn depth_is_no_danger() {
+    let tree = toy::chain(tokyo(), 20_000);
+    let (published, _) = write(&tree, 0.0);
+    let text = &published["tileset.json"];
+    assert_eq!(text.iter().filter(|&&b| b == b'{').count(), text.iter().filter(|&&b| b == b'}').count());
+    assert_eq!(String::from_utf8_lossy(text).matches("boundingVolume").count(), tree.len());
+    let shallow = toy::chain(tokyo(), 20);
+    let globe = shallow.frame.globe().unwrap().unwrap();
+    check(&write(&shallow, 0.0).0, &shallow, &|p| globe.ecef(p));
+}
+
 /// A tree through the writer and back; `name` keeps it for the validators.
 fn holds(name: &str, tree: &TileTree) -> (Published, check::Seen) {
     let start = std::time::Instant::now();

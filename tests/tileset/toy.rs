@@ -187,3 +187,24 @@ pub fn one(frame: Frame) -> TileTree {
     t.ids = ["only"].into_iter().collect();
     t
 }
+
+/// A chain: every tile has a leaf of one building and the rest below it.
+pub fn chain(frame: Frame, depth: u32) -> TileTree {
+    let mut t = empty(frame);
+    let mut parent = u32::MAX;
+    for i in 0..depth {
+        let me = t.parent.len() as u32;
+        tile(&mut t, parent, 1.0, i..depth + 1, false);
+        feature(&mut t, i..depth + 1, false, &[&square(0, 0, 10_000)], [0.0, 9.0]);
+        end(&mut t);
+        tile(&mut t, me, 0.0, i..i + 1, true);
+        feature(&mut t, i..i + 1, false, &[&square(0, 0, 10_000)], [0.0, 9.0]);
+        end(&mut t);
+        parent = me;
+    }
+    tile(&mut t, parent, 0.0, depth..depth + 1, true);
+    feature(&mut t, depth..depth + 1, false, &[&square(0, 0, 10_000)], [0.0, 9.0]);
+    end(&mut t);
+    t.ids = (0..=depth).map(|i| i.to_string()).collect();
+    t
+}

@@ -113,7 +113,7 @@ pub fn write_tileset(ctx: &Ctx, tree: &TileTree, ecef: Option<Ecef>, offset: f64
     ctx.report.fact("content_bytes", sizes().sum::<u64>());
     ctx.report.fact("content_bytes_max", sizes().max().unwrap_or(0));
 
-    let text = serde_json::to_vec(&tileset(tree, &tiles)).expect("a tileset is plain data");
+    let text = tileset(tree, &tiles).to_bytes();
     let mut files = Vec::new();
     for tile in &tiles {
         let Some(content) = tile.content else { continue };
@@ -212,14 +212,12 @@ fn origin(low: [f64; 2], high: [f64; 2]) -> [f64; 2] {
 
 /// The tree over the contents: boxes around contents and children, places relative to the parents'.
 fn tileset(tree: &TileTree, tiles: &[Written]) -> Tileset {
-    let n = tree.len();
-    let mut children: Vec<Vec<Tile>> = vec![Vec::new(); n];
-    let mut root = None;
     let (mut low, mut high): (Vec<_>, Vec<_>) = tiles.iter().map(|t| (t.low, t.high)).unzip();
+    let mut out = Vec::with_capacity(tree.len());
     // Children come after their parents, so from the end every tile finds its own complete.
-    for t in (0..n).rev() {
-        let volume = volume(low[t], high[t]);
+    for t in (0..tree.len()).rev() {
         let parent = (tree.parent[t] != u32::MAX).then_some(tree.parent[t] as usize);
+        let volume = volume(low[t], high[t]);
         let place = match parent {
             Some(p) if tiles[t].place == tiles[p].place => Place::flat([0.0; 3]),
             Some(p) => tiles[t].place.within(&tiles[p].place),
@@ -231,34 +229,29 @@ fn tileset(tree: &TileTree, tiles: &[Written]) -> Tileset {
                 high[p] = [0, 1, 2].map(|k| high[p][k].max(corner[k]));
             }
         }
-        let mut below = std::mem::take(&mut children[t]);
-        below.reverse();
-        let tile = Tile {
+        let content = tiles[t].content.map(|content| Content {
+            uri: content_path(content),
+            extras: tiles[t].ids.map_or(Value::Null, |_| json!({ "ids": ids_path(content) })),
+        });
+        out.push(Tile {
+            parent,
             bounding_volume: volume,
             geometric_error: tree.error[t],
             refine: parent.is_none().then_some(Refine::Replace),
             transform: (place != Place::flat([0.0; 3])).then(|| place.matrix()),
-            content: tiles[t].content.map(|content| Content {
-                uri: content_path(content),
-                extras: tiles[t].ids.map_or(Value::Null, |_| json!({ "ids": ids_path(content) })),
-            }),
-            metadata: Some(metadata(tree, t)),
-            children: below,
-        };
-        match parent {
-            Some(p) => children[p].push(tile),
-            None => root = Some(tile),
-        }
+            content,
+            metadata: metadata(tree, t),
+        });
     }
-    let root = root.expect("a tile tree has a root");
-    let half = |k: usize| root.bounding_volume.bounds[3 + 4 * k];
-    let diagonal = 2.0 * (half(0) * half(0) + half(1) * half(1) + half(2) * half(2)).sqrt();
+    out.reverse();
+    let b = &out[0].bounding_volume.bounds;
+    let diagonal = 2.0 * (b[3] * b[3] + b[7] * b[7] + b[11] * b[11]).sqrt();
     Tileset {
         asset: Asset { version: "1.1".into(), generator: "lodge".into() },
-        geometric_error: diagonal.max(root.geometric_error),
-        schema: Some(schema()),
-        root,
+        geometric_error: diagonal.max(out[0].geometric_error),
+        schema: schema(),
         extras: json!({ "crs": tree.frame.crs, "levels": tree.levels }),
+        tiles: out,
     }
 }
 
