@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use lodge::artifact::{Footprints, Strings};
 use lodge::geom::Point;
-use lodge::ops::cluster::{Cluster, cluster};
+use lodge::ops::cluster::{Cluster, Distance, cluster};
 use support::{Dice, city, data, eight_times, footprints, measure, yardstick};
 
 fn main() {
@@ -30,12 +30,16 @@ fn main() {
     };
     let how = Cluster::default();
 
-    if wants("setagaya") || wants("eight") {
+    if wants("setagaya") || wants("eight") || wants("gaps") {
         let (all, _) = city(&data("tokyo_setagaya.geojson.gz").expect("checked above"));
         for threads in [1, 2] {
             if wants("setagaya") {
                 line(&format!("setagaya, {threads} threads"), all.len(), with(threads, 3, &all, &[], &how));
             }
+        }
+        if wants("gaps") {
+            let how = Cluster { distance: Distance::Footprint, ..Cluster::default() };
+            line("setagaya, gaps, 2 threads", all.len(), with(2, 1, &all, &[], &how));
         }
         if wants("eight") {
             let eight = eight_times(&all);

@@ -2,7 +2,9 @@
 //! coordinates: crossings are compared as fractions along the segments.
 
 use super::Point;
-use super::predicates::{on_segment, orient};
+use super::gap::to_segment;
+use super::nearest::Bounds;
+use super::predicates::{on_segment, orient, segments_meet};
 use super::segment_grid::SegmentGrid;
 
 /// The faces around segments. Every piece of a segment between two meetings has two sides; sides that lie on the
@@ -153,6 +155,47 @@ impl<'a> Faces<'a> {
         }
         let side = self.left_of(p).unwrap_or(self.outside());
         Some(self.sides.root(side))
+    }
+
+    /// Makes one face of all that lies along the segments within `reach` mm of the closed segment `a`-`b`, and
+    /// returns it; none where no segment is so near. Whatever is joined can only be compared too often.
+    pub fn join_along(&mut self, a: Point, b: Point, reach: i32) -> Option<u32> {
+        let around = Bounds::of([a, b]);
+        let grid = &self.segments.grid;
+        let (r, mut near) = (i64::from(reach), Vec::new());
+        for row in grid.row(i64::from(around.low[1]) - r)..=grid.row(i64::from(around.high[1]) + r) {
+            for column in grid.column(i64::from(around.low[0]) - r)..=grid.column(i64::from(around.high[0]) + r) {
+                let Some(cell) = grid.cell(column, row) else { continue };
+                near.extend(self.segments.in_cell(cell).iter().copied().filter(|&i| {
+                    let [c, d] = self.segments.all[i as usize];
+                    let ends = || [(a, c, d), (b, c, d), (c, a, b), (d, a, b)];
+                    around.square_to(&Bounds::of([c, d])) <= (r * r) as f64
+                        && (segments_meet(a, b, c, d)
+                            || ends().iter().any(|&(p, u, v)| to_segment(p, u, v).1 <= f64::from(reach)))
+                }));
+            }
+        }
+        let mut joined = None;
+        for i in near {
+            let i = i as usize;
+            for piece in self.first[i] as usize..=self.first[i] as usize + self.breaks[i].len() {
+                let side = 2 * self.stands_for[piece];
+                self.sides.join(side, side + 1);
+                let with = *joined.get_or_insert(side);
+                self.sides.join(side, with);
+            }
+        }
+        joined.map(|side| self.sides.root(side))
+    }
+
+    /// Makes one face of two.
+    pub fn join(&mut self, a: u32, b: u32) {
+        self.sides.join(a, b);
+    }
+
+    /// The number of a face now, after joins.
+    pub fn now(&mut self, face: u32) -> u32 {
+        self.sides.root(face)
     }
 
     /// The side that a ray from `p` to the left meets first; a ray that runs into a vertex passes just above it.

@@ -9,6 +9,7 @@ pub mod erode;
 pub mod faces;
 pub mod forms;
 pub mod frame;
+pub mod gap;
 pub mod globe;
 pub mod mercator;
 pub mod merge_rings;

@@ -17,6 +17,7 @@
 //! Tried: Delaunay edges as candidates (0.3 % of the merges of real cities join a pair that is no such edge).
 
 mod join;
+mod outlines;
 mod points;
 
 use rayon::prelude::*;
@@ -24,6 +25,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::join::{Merge, Sites};
+use self::outlines::Outlines;
 use self::points::Points;
 use crate::artifact::{Dendrogram, Footprints, Lines, Strings};
 use crate::diag::{Diagnostic, Result};
@@ -70,9 +72,6 @@ impl Op for Cluster {
 
     fn run(&self, _ctx: &Ctx, input: In) -> Result<Dendrogram> {
         let In { footprints, barriers } = input;
-        if self.distance == Distance::Footprint {
-            return Err(Diagnostic::error("not-built", "`distance = \"footprint\"` is not there yet"));
-        }
         let mut segments = Vec::new();
         for lines in &barriers {
             let points = footprints
@@ -96,18 +95,35 @@ impl Op for Cluster {
 pub fn cluster(footprints: &Footprints, barriers: Vec<[Point; 2]>, how: &Cluster) -> Dendrogram {
     let ranking = Ranking::new(&footprints.ids);
     let floor = how.min_distance * 1000.0;
-    let centres = points::centres(&footprints.polygons);
-    let plain = |all: &[u32]| Points::new(&centres, all, floor, None);
-    if barriers.is_empty() {
-        return dendrogram(&ranking, link(&ranking, None, plain), Vec::new());
+    let barriers = (!barriers.is_empty()).then(|| SegmentGrid::new(barriers));
+    match how.distance {
+        Distance::Centroid => {
+            let centres = points::centres(&footprints.polygons);
+            let faces = |faces: &mut Faces| centres.iter().map(|&p| faces.of(p)).collect();
+            tree(&ranking, barriers.as_ref(), faces, |all, barriers| Points::new(&centres, all, floor, barriers))
+        }
+        Distance::Footprint => {
+            let shells = outlines::shells(&footprints.polygons);
+            let faces = |faces: &mut Faces| outlines::faces(&shells, faces);
+            tree(&ranking, barriers.as_ref(), faces, |all, barriers| Outlines::new(&shells, all, floor, barriers))
+        }
     }
-    let barriers = SegmentGrid::new(barriers);
-    let mut faces = Faces::new(&barriers);
-    let faces: Vec<Option<u32>> = centres.iter().map(|&p| faces.of(p)).collect();
-    let seeing = |all: &[u32]| Points::new(&centres, all, floor, Some(&barriers));
-    let within = link_within(&ranking, &faces, seeing);
-    let across = link(&ranking, Some(&within), plain);
-    dendrogram(&ranking, within, across)
+}
+
+/// First what sees each other, then all.
+fn tree<'a, S: Sites>(
+    ranking: &Ranking,
+    barriers: Option<&'a SegmentGrid>,
+    faces: impl Fn(&mut Faces) -> Vec<Option<u32>>,
+    sites: impl Fn(&[u32], Option<&'a SegmentGrid>) -> (S, Tree) + Sync,
+) -> Dendrogram {
+    let Some(grid) = barriers else {
+        return dendrogram(ranking, link(ranking, None, |all| sites(all, None)), Vec::new());
+    };
+    let faces = faces(&mut Faces::new(grid));
+    let within = link_within(ranking, &faces, |all| sites(all, barriers));
+    let across = link(ranking, Some(&within), |all| sites(all, None));
+    dendrogram(ranking, within, across)
 }
 
 /// Merges all buildings, after what `before` has merged.

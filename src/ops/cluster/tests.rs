@@ -6,6 +6,7 @@ use super::*;
 use crate::artifact::{Attributes, Shapes};
 use crate::geom::Point;
 use crate::geom::frame::Frame;
+use crate::geom::gap::gap;
 use crate::geom::predicates::segments_meet;
 use crate::op::Bench;
 
@@ -168,6 +169,42 @@ fn equals_brute_force_with_barriers() {
         }
     }
     assert!(crossed > 500);
+}
+
+/// L-shapes, slivers and squares of different sizes around the centres: apart, touching, overlapping, nested.
+fn houses(centres: &[Point], size: i32, seed: u64) -> Vec<Vec<Point>> {
+    let mut dice = Dice(seed);
+    let house = |&[x, y]: &Point| {
+        let (w, h) = (2 + dice.below(size), 2 + dice.below(size));
+        match dice.below(3) {
+            0 => vec![[x, y], [x + 2 * w, y], [x + 2 * w, y + h], [x + w, y + h], [x + w, y + 2 * h], [x, y + 2 * h]],
+            1 => vec![[x, y], [x + w, y + h / 3], [x + w / 2, y + h]],
+            _ => vec![[x, y], [x + w, y], [x + w, y + h], [x, y + h]],
+        }
+    };
+    centres.iter().map(house).collect()
+}
+
+#[test]
+fn equals_brute_force_between_outlines() {
+    let how = Cluster { distance: Distance::Footprint, ..Cluster::default() };
+    for seed in 0..1 {
+        for (name, centres) in layouts(seed) {
+            for size in [30, 8000] {
+                let rings = houses(&centres, size, seed + 5);
+                let all = footprints(&rings, seed as u32);
+                let gaps = |a: usize, b: usize| gap(&[&rings[a]], &[&rings[b]]).max(10.0);
+                let sure = brute_force(&all.ids, |a, b| (gaps(a, b), true));
+                assert_eq!(cluster(&all, Vec::new(), &how), sure, "{name}, seed {seed}, size {size}");
+                for (k, barriers) in barriers(seed + 50, &centres).into_iter().enumerate() {
+                    let grid = SegmentGrid::new(barriers.clone());
+                    let sees = |a: usize, b: usize| !outlines::blocked(&[&rings[a]], &[&rings[b]], &grid);
+                    let sure = brute_force(&all.ids, |a, b| (gaps(a, b), a == b || sees(a, b)));
+                    assert_eq!(cluster(&all, barriers, &how), sure, "{name}, seed {seed}, size {size}, barriers {k}");
+                }
+            }
+        }
+    }
 }
 
 #[test]
