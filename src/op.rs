@@ -210,7 +210,7 @@ macro_rules! one_of {
                 &[$(<$kind as $crate::artifact::Artifact>::KIND),+];
             fn take(got: Vec<std::sync::Arc<dyn $crate::artifact::AnyArtifact>>) -> $name {
                 let any = got.into_iter().next().expect("the graph connects required ports");
-                $(if std::ptr::eq(any.kind(), <$kind as $crate::artifact::Artifact>::KIND) {
+                $(if any.kind() == <$kind as $crate::artifact::Artifact>::KIND {
                     return $name::$kind($crate::op::cast(any));
                 })+
                 panic!("the graph checks kinds")

@@ -2,6 +2,7 @@
 //!
 //! In:     footprints; lines that separate (roads, rails, water), in any frame.
 //! Out:    n - 1 merges in the order (crosses a barrier, cost, ranks), n leaves in input order.
+//! Errors: none of its own; a frame that barriers cannot be moved into.
 //! Cost:   near O(n log n). 100 bytes a building while it runs.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 4.
 //!
