@@ -361,7 +361,7 @@ impl Work<'_> {
         let ids: Vec<u32> = merged.iter().map(|v| v.id).collect();
         let target = outer_hull::target(self.how.keep, left.edges + right.edges, self.how.floor, own);
         let mut kept = Vec::new();
-        outer_hull::keep(&points, &ids, target, &mut kept);
+        outer_hull::Simplifier::default().keep(&points, &ids, target, &mut kept);
         part.push(cluster, kept.iter().map(|&i| ids[i as usize]), own, kept.len() as u32);
     }
 }

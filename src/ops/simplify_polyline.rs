@@ -144,7 +144,7 @@ fn own_edges(hulls: &Hulls, i: usize) -> u32 {
 fn simplified(hulls: &Hulls, i: usize, target: usize) -> Vec<u32> {
     let ids = hulls.ring(i);
     let mut kept = Vec::new();
-    outer_hull::keep(&points(hulls, i), ids, target, &mut kept);
+    outer_hull::Simplifier::default().keep(&points(hulls, i), ids, target, &mut kept);
     kept.iter().map(|&k| ids[k as usize]).collect()
 }
 

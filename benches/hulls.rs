@@ -1,0 +1,143 @@
+//! merge-hulls and simplify-polyline on real cities, against the yardstick T (gunzip and typed parse, one thread).
+//!
+//!     LODGE_DATA=.. cargo bench --bench hulls [-- FILE..]
+//!
+//! Files are names in `buildings/`, or paths; without any: tokyo_centre and tokyo_setagaya. Wall and processor
+//! seconds (in brackets), the best of three.
+
+use std::io::Read;
+use std::time::Instant;
+
+use lodge::artifact::hulls::HullState;
+use lodge::artifact::{Dendrogram, Footprints, Hulls};
+use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::ops::cluster::Cluster;
+use lodge::ops::merge_hulls::{Merge, MergeHulls, merge_hulls};
+use lodge::ops::read_geojson::ReadGeojson;
+use lodge::ops::simplify_polyline::{SimplifyPolyline, simplify_polyline};
+
+fn main() {
+    let Some(data) = std::env::var_os("LODGE_DATA") else {
+        return println!("skipped: LODGE_DATA is not set");
+    };
+    let mut files: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    if files.is_empty() {
+        files = vec!["tokyo_centre".into(), "tokyo_setagaya".into()];
+    }
+    for file in files {
+        let path = if file.contains('/') {
+            std::path::PathBuf::from(&file)
+        } else {
+            std::path::Path::new(&data).join(format!("buildings/{file}.geojson.gz"))
+        };
+        measure(&file, &std::fs::read(path).expect("the file is there"));
+    }
+}
+
+fn measure(name: &str, bytes: &[u8]) {
+    let params = if name.contains("_osm") { "where.layer = 'building'" } else { "" };
+    let mut bench = Bench::default();
+    bench.sources = vec![Source::of_bytes("city.geojson.gz", bytes.to_vec())];
+    let footprints = toml::from_str::<ReadGeojson>(params).unwrap();
+    let footprints = footprints.run(&bench.ctx(), Inputs::take(Vec::new())).unwrap();
+    let given = vec![vec![std::sync::Arc::new(footprints.clone()) as _], vec![]];
+    let tree: Dendrogram = Cluster::default().run(&bench.ctx(), Inputs::take(given)).unwrap();
+    println!("{name}: {} buildings, {} vertices", footprints.len(), footprints.polygons.points.len());
+
+    let t = yardstick(bytes);
+    println!("  T {t:.3}");
+    let simplified = MergeHulls::default();
+    let source = MergeHulls { merge: Merge::Source, ..MergeHulls::default() };
+    for threads in [1, 2] {
+        let hulls = timed("merge-hulls, simplified", threads, t, || merge_hulls(&footprints, &tree, &simplified).0);
+        if threads == 1 {
+            quality(&hulls);
+        }
+    }
+    if footprints.len() > 300_000 {
+        return;
+    }
+    let merged = timed("merge-hulls, source", 2, t, || merge_hulls(&footprints, &tree, &source).0);
+    quality(&merged);
+    let after = timed("simplify-polyline", 2, t, || simplify_polyline(&merged, &SimplifyPolyline::default()));
+    quality(&after);
+    if let Some(folder) = std::env::var_os("LODGE_RINGS") {
+        write_root(&merged, &std::path::Path::new(&folder).join(format!("{name}.csv")));
+    }
+    assert_eq!(after.state, HullState::SourceSimplified);
+    let _ = check_sizes(&footprints, &after);
+}
+
+fn check_sizes(footprints: &Footprints, hulls: &Hulls) -> bool {
+    hulls.len() + 1 == 2 * footprints.len()
+}
+
+/// Wall and processor seconds of gunzip and a typed parse, line by line.
+fn yardstick(bytes: &[u8]) -> f64 {
+    #[derive(serde::Deserialize)]
+    struct Line {
+        #[allow(dead_code)]
+        geometry: Geometry,
+    }
+    #[derive(serde::Deserialize)]
+    #[serde(tag = "type", content = "coordinates")]
+    #[allow(dead_code)]
+    enum Geometry {
+        Polygon(Vec<Vec<[f64; 2]>>),
+        MultiPolygon(Vec<Vec<Vec<[f64; 2]>>>),
+        LineString(Vec<[f64; 2]>),
+        MultiLineString(Vec<Vec<[f64; 2]>>),
+        Point([f64; 2]),
+    }
+    let mut best = f64::INFINITY;
+    for _ in 0..3 {
+        let from = processor();
+        let mut text = String::new();
+        flate2::read::MultiGzDecoder::new(bytes).read_to_string(&mut text).unwrap();
+        let parsed = text
+            .lines()
+            .filter_map(|l| serde_json::from_str::<Line>(l.trim_end_matches("]}").trim_end_matches(',')).ok())
+            .count();
+        std::hint::black_box(parsed);
+        best = best.min(processor() - from);
+    }
+    best
+}
+
+/// Seconds that this process has computed, all threads.
+fn processor() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<f64> = stat.rsplit(')').next().unwrap_or("").split(' ').map(|f| f.parse().unwrap_or(0.0)).collect();
+    fields.get(12).copied().unwrap_or(0.0) / 100.0 + fields.get(13).copied().unwrap_or(0.0) / 100.0
+}
+
+fn timed<R: Send>(what: &str, threads: usize, t: f64, work: impl Fn() -> R + Sync) -> R {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let mut best = (f64::INFINITY, f64::INFINITY);
+    let mut out = None;
+    for _ in 0..3 {
+        let (wall, cpu) = (Instant::now(), processor());
+        out = Some(pool.install(&work));
+        best = (best.0.min(wall.elapsed().as_secs_f64()), best.1.min(processor() - cpu));
+    }
+    println!("  {what}, {threads} threads: {:.3} s ({:.2}) = {:.1} T ({:.1})", best.0, best.1, best.0 / t, best.1 / t);
+    out.unwrap()
+}
+
+fn quality(hulls: &Hulls) {
+    let negative: f64 = hulls.negative_space_m2.iter().sum();
+    let root = hulls.len() - 1;
+    println!(
+        "    negative space {:.3} km2, {} edges, root {} edges, {:.3} km2",
+        negative / 1e6,
+        hulls.rings.len(),
+        hulls.ring(root).len(),
+        hulls.negative_space_m2[root] / 1e6
+    );
+}
+
+/// The root's ring, a vertex a line, for `geos_hull.py`.
+fn write_root(hulls: &Hulls, path: &std::path::Path) {
+    let text: String = hulls.points(hulls.len() - 1).map(|p| format!("{},{}\n", p[0], p[1])).collect();
+    std::fs::write(path, text).unwrap();
+}
