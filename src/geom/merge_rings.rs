@@ -4,278 +4,364 @@
 //!   contains both. An edge (u in R, v in S) is *clear* when it meets both rings in nothing but u and v; the pair
 //!   that adds the least area is taken from the 16 shortest clear ones. (The two shortest add 2.5 times as much.)
 //! - One inside the other: the outer one; of equal ones the first.
-//! - Touching, crossing, or interlocked: [`erode`](super::erode).
+//! - Crossing: the outline of the union; where it turns at a crossing point, the edge between the vertices before
+//!   and after. ([`outline`](self::outline); adds less than erosion.)
+//! - Touching, interlocked, or where such an edge is not clear: [`erode`](super::erode).
 //!
-//! Ties go by lengths, then by vertex ids. Source: Chang et al., Hierarchical Simplification of City Models to
-//! Maintain Urban Legibility, section 5.
+//! The ring begins at its vertex of lowest id. Ties go by lengths, then by places in the two rings. Source: Chang et
+//! al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 5.
 
 use super::Point;
 use super::erode::erode;
-use super::predicates::{on_segment, orient, segments_meet};
-use super::ring::contains;
+use super::outline;
+use super::predicates::{orient, segments_meet};
+use super::ring::{Side, contains, side};
 use super::segments::{Rect, Segment, near_pairs};
 
-/// A ring's vertex: where, and its number among all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Vertex {
-    pub id: u32,
-    pub at: Point,
+/// A ring: where its vertices are, and their numbers among all (equal points by equal numbers).
+#[derive(Clone, Copy, Debug)]
+pub struct Ring<'a> {
+    pub at: &'a [Point],
+    pub ids: &'a [u32],
+}
+
+impl Ring<'_> {
+    #[inline]
+    pub(super) fn after(&self, i: usize) -> usize {
+        if i + 1 == self.at.len() { 0 } else { i + 1 }
+    }
+    #[inline]
+    pub(super) fn before(&self, i: usize) -> usize {
+        if i == 0 { self.at.len() - 1 } else { i - 1 }
+    }
+    #[inline]
+    pub(super) fn edge(&self, i: usize) -> Segment {
+        [self.at[i], self.at[self.after(i)]]
+    }
+    /// True where the way from vertex `i` to `p` sets out into the open outside of the ring.
+    #[inline]
+    pub(super) fn leaves(&self, i: usize, p: Point) -> bool {
+        let (a, v, b) = (self.at[self.before(i)], self.at[i], self.at[self.after(i)]);
+        let (from, to) = (orient(a, v, p) < 0, orient(v, b, p) < 0);
+        if orient(a, v, b) > 0 { from || to } else { from && to }
+    }
 }
 
 /// How many of the shortest clear edges compete. 8 leave 18 % more negative space, 40 take off 5 %.
 const CLEAR: usize = 16;
 
-/// The ring around `r` and `s`: both simple, counter-clockwise, equal points by equal ids. What comes out is too.
-pub fn merge(r: &[Vertex], s: &[Vertex]) -> Vec<Vertex> {
-    let (rect_r, rect_s) = (Rect::of(r.iter().map(|v| v.at)), Rect::of(s.iter().map(|v| v.at)));
-    let touching = rect_r.meets(&rect_s) && in_contact(r, s, &rect_r.intersection(&rect_s));
-    let points = |ring: &[Vertex]| -> Vec<Point> { ring.iter().map(|v| v.at).collect() };
-    if rect_r.contains(&rect_s) && contains(&points(r), &points(s)) {
-        return r.to_vec();
-    }
-    if rect_s.contains(&rect_r) && contains(&points(s), &points(r)) {
-        return s.to_vec();
-    }
-    if !touching && let Some(ring) = connect(r, s, &rect_r, &rect_s) {
-        return ring;
-    }
-    eroded(r, s)
-}
+/// Up to so many pairs of vertices all are looked at.
+const ALL_PAIRS: usize = 1024;
 
-fn pair(ring: &[Vertex], i: usize) -> Segment {
-    [ring[i].at, ring[if i + 1 == ring.len() { 0 } else { i + 1 }].at]
-}
-
-fn edges_in(ring: &[Vertex], rect: &Rect) -> Vec<Segment> {
-    (0..ring.len()).map(|i| pair(ring, i)).filter(|&[a, b]| rect.meets_segment(a, b)).collect()
-}
-
-/// True where the outlines share a point.
-fn in_contact(r: &[Vertex], s: &[Vertex], rect: &Rect) -> bool {
-    let (a, b) = (edges_in(r, rect), edges_in(s, rect));
-    near_pairs(&a, &b, |i, j| {
-        let ([a, b], [c, d]) = (a[i as usize], b[j as usize]);
-        segments_meet(a, b, c, d)
-    })
-}
-
-/// A candidate connection: squared length, vertex of R, vertex of S (places).
+/// A connection: squared length, then the places of its ends in R and S.
 type Chord = (i64, u32, u32);
 
-fn connect(r: &[Vertex], s: &[Vertex], rect_r: &Rect, rect_s: &Rect) -> Option<Vec<Vertex>> {
-    let (sum_r, sum_s) = (sums(r), sums(s));
-    let small = r.len() * s.len() <= 1024;
-    let widest = |k: usize| i64::from(rect_r.high[k].max(rect_s.high[k])) - i64::from(rect_r.low[k].min(rect_s.low[k]));
-    let all = widest(0).max(widest(1)) * 2;
-    let gap = |k: usize| {
-        let apart = (i64::from(rect_s.low[k]) - i64::from(rect_r.high[k]))
-            .max(i64::from(rect_r.low[k]) - i64::from(rect_s.high[k]));
-        apart.max(0)
-    };
-    let mut margin = if small { all } else { gap(0) + gap(1) + 4000 };
-    loop {
-        let chords = chords(r, s, rect_r, rect_s, margin);
-        let found = best_pair(r, s, &sum_r, &sum_s, chords, margin >= all);
-        if found.is_some() || margin >= all {
-            return found;
-        }
-        margin = (3 * margin).min(all);
-    }
+/// Working memory for many merges, and the last one's ring.
+#[derive(Default)]
+pub struct Merger {
+    pub at: Vec<Point>,
+    pub ids: Vec<u32>,
+    edges: [Vec<(u32, Segment)>; 2],
+    contacts: Vec<(u32, u32)>,
+    sums: [Vec<i64>; 2],
+    near: [Vec<u32>; 2],
+    chords: Vec<Chord>,
+    /// Clear ones, and what their loops' areas are made of: see `choose`.
+    clear: Vec<(Chord, i64)>,
+    outline: outline::Outline,
 }
 
-/// Partial sums of cross products along a ring relative to its first vertex: what a chain adds to a doubled area.
-fn sums(ring: &[Vertex]) -> Vec<i64> {
-    let mut out = Vec::with_capacity(ring.len() + 1);
-    let mut sum = 0i64;
-    out.push(0);
-    for i in 0..ring.len() {
-        let [a, b] = pair(ring, i);
-        sum = sum.wrapping_add(orient(ring[0].at, a, b));
-        out.push(sum);
-    }
-    out
-}
-
-/// All connections not longer than `margin`.
-fn chords(r: &[Vertex], s: &[Vertex], rect_r: &Rect, rect_s: &Rect, margin: i64) -> Vec<Chord> {
-    let near = |ring: &[Vertex], rect: &Rect| -> Vec<u32> {
-        let within = |v: &Vertex| {
-            (0..2).all(|k| {
-                let c = i64::from(v.at[k]);
-                c >= i64::from(rect.low[k]) - margin && c <= i64::from(rect.high[k]) + margin
-            })
+impl Merger {
+    /// Puts the ring around `r` and `s` into `at` and `ids`. Both are simple and counter-clockwise, and so is it.
+    pub fn merge(&mut self, r: Ring, s: Ring) {
+        self.at.clear();
+        self.ids.clear();
+        let (rect_r, rect_s) = (Rect::of(r.at.iter().copied()), Rect::of(s.at.iter().copied()));
+        let touching = rect_r.meets(&rect_s) && self.find_contacts(r, s, &rect_r.intersection(&rect_s));
+        let holds = |outer: Ring, inner: Ring| match touching {
+            true => contains(outer.at, inner.at),
+            false => side(outer.at, inner.at[0].map(|c| 2 * i64::from(c))) == Side::In,
         };
-        (0..ring.len() as u32).filter(|&i| within(&ring[i as usize])).collect()
-    };
-    let (us, mut vs) = (near(r, rect_s), near(s, rect_r));
-    vs.sort_by_key(|&v| s[v as usize].at[0]);
-    let mut out = Vec::new();
-    for &u in &us {
-        let p = r[u as usize].at;
-        let from = vs.partition_point(|&v| i64::from(s[v as usize].at[0]) < i64::from(p[0]) - margin);
-        for &v in &vs[from..] {
-            let d = [0, 1].map(|k| i64::from(s[v as usize].at[k]) - i64::from(p[k]));
-            if d[0] > margin {
-                break;
+        if rect_r.contains(&rect_s) && holds(r, s) {
+            self.take(r);
+        } else if rect_s.contains(&rect_r) && holds(s, r) {
+            self.take(s);
+        } else {
+            let done = match touching {
+                true => self.outline.trace(r, s, &self.contacts, &mut self.at, &mut self.ids),
+                false => self.connect(r, s, &rect_r, &rect_s),
+            };
+            if !done {
+                self.erode(r, s);
             }
-            let length = d[0] * d[0] + d[1] * d[1];
-            if d[1].abs() <= margin && (length as f64) <= (margin as f64) * (margin as f64) {
-                out.push((length, u, v));
+        }
+        let first = (0..self.ids.len()).min_by_key(|&i| self.ids[i]).unwrap_or(0);
+        self.ids.rotate_left(first);
+        self.at.rotate_left(first);
+    }
+
+    fn take(&mut self, ring: Ring) {
+        self.at.extend_from_slice(ring.at);
+        self.ids.extend_from_slice(ring.ids);
+    }
+
+    /// Edges that meet a rectangle, with their places.
+    fn gather_edges(&mut self, r: Ring, s: Ring, rect: &Rect) {
+        for (ring, out) in [r, s].into_iter().zip(&mut self.edges) {
+            out.clear();
+            let mut a = ring.at[ring.at.len() - 1];
+            let mut from = ring.at.len() as u32 - 1;
+            for (i, &b) in ring.at.iter().enumerate() {
+                if rect.meets_segment(a, b) {
+                    out.push((from, [a, b]));
+                }
+                (a, from) = (b, i as u32);
             }
         }
     }
-    out
-}
 
-/// Of the shortest clear connections the pair that adds the least. `last`: no longer ones exist, so make do.
-fn best_pair(
-    r: &[Vertex],
-    s: &[Vertex],
-    sum_r: &[i64],
-    sum_s: &[i64],
-    mut chords: Vec<Chord>,
-    last: bool,
-) -> Option<Vec<Vertex>> {
-    let key = |c: &Chord| (c.0, r[c.1 as usize].id, s[c.2 as usize].id);
-    let mut clear: Vec<Chord> = Vec::with_capacity(CLEAR);
-    let mut best: Option<((i64, i64, usize, usize), Chord, Chord)> = None;
-    let mut done = 0;
-    let mut step = 64;
-    let mut obstacles: Vec<Segment> = Vec::new();
-    let mut known = Rect::EMPTY;
-    while done < chords.len() {
-        let rest = &mut chords[done..];
-        let take = step.min(rest.len());
-        if take < rest.len() {
-            rest.select_nth_unstable_by_key(take - 1, key);
-        }
-        rest[..take].sort_unstable_by_key(key);
-        let batch = &rest[..take];
-        let rect = Rect::of(batch.iter().flat_map(|c| [r[c.1 as usize].at, s[c.2 as usize].at]));
-        if !known.contains(&rect) {
-            known = Rect::of(
-                [known.low, known.high, rect.low, rect.high]
-                    .into_iter()
-                    .filter(|p| p[0] != i32::MAX && p[0] != i32::MIN),
-            );
-            obstacles = edges_in(r, &known);
-            obstacles.extend(edges_in(s, &known));
-        }
-        for &chord in batch {
-            let ends = [r[chord.1 as usize].at, s[chord.2 as usize].at];
-            if !is_clear(ends, &obstacles) {
-                continue;
-            }
-            for (k, &other) in clear.iter().enumerate() {
-                if let Some(added) = added(r, s, sum_r, sum_s, other, chord) {
-                    let key = (added, chord.0 + other.0, k, clear.len());
-                    if best.as_ref().is_none_or(|b| key < b.0) {
-                        best = Some((key, other, chord));
+    /// Pairs of edges that share a point, into `contacts`.
+    fn find_contacts(&mut self, r: Ring, s: Ring, rect: &Rect) -> bool {
+        self.contacts.clear();
+        self.gather_edges(r, s, rect);
+        let [of_r, of_s] = &self.edges;
+        let contacts = &mut self.contacts;
+        if of_r.len() * of_s.len() <= 4096 {
+            for &(i, [a, b]) in of_r {
+                let rect = Rect::of([a, b]);
+                for &(j, [c, d]) in of_s {
+                    if rect.meets_segment(c, d) && segments_meet(a, b, c, d) {
+                        contacts.push((i, j));
                     }
                 }
             }
-            clear.push(chord);
-            if clear.len() >= CLEAR
-                && let Some((_, one, two)) = best
-            {
-                return Some(trace(r, s, sum_r, sum_s, one, two));
+        } else {
+            let plain = |of: &[(u32, Segment)]| -> Vec<Segment> { of.iter().map(|e| e.1).collect() };
+            near_pairs(&plain(of_r), &plain(of_s), |i, j| {
+                let ((i, [a, b]), (j, [c, d])) = (of_r[i as usize], of_s[j as usize]);
+                if segments_meet(a, b, c, d) {
+                    contacts.push((i, j));
+                }
+                false
+            });
+            contacts.sort_unstable();
+            contacts.dedup();
+        }
+        !contacts.is_empty()
+    }
+
+    // ------------------------------------------------------------------------------------------------ disjoint
+
+    fn connect(&mut self, r: Ring, s: Ring, rect_r: &Rect, rect_s: &Rect) -> bool {
+        let origin = r.at[0];
+        for (ring, out) in [r, s].into_iter().zip(&mut self.sums) {
+            out.clear();
+            let mut sum = 0i64;
+            out.push(0);
+            for i in 0..ring.at.len() {
+                let [a, b] = ring.edge(i);
+                sum = sum.wrapping_add(orient(origin, a, b));
+                out.push(sum);
             }
         }
-        done += take;
-        step *= 2;
-    }
-    let (_, one, two) = best.filter(|_| last)?;
-    Some(trace(r, s, sum_r, sum_s, one, two))
-}
-
-/// True where the connection meets the outlines in nothing but its own ends.
-fn is_clear([u, v]: [Point; 2], obstacles: &[Segment]) -> bool {
-    let rect = Rect::of([u, v]);
-    obstacles.iter().all(|&[a, b]| {
-        if !rect.meets_segment(a, b) {
-            return true;
+        let extent = |k: usize| {
+            let (low, high) = (rect_r.low[k].min(rect_s.low[k]), rect_r.high[k].max(rect_s.high[k]));
+            i64::from(high) - i64::from(low)
+        };
+        // Nothing is farther apart than this, and nothing nearer than the gaps between the boxes.
+        let all = extent(0) + extent(1);
+        let gap = |k: usize| {
+            let (after, before) = (
+                i64::from(rect_s.low[k]) - i64::from(rect_r.high[k]),
+                i64::from(rect_r.low[k]) - i64::from(rect_s.high[k]),
+            );
+            after.max(before).max(0)
+        };
+        let few = r.at.len() * s.at.len() <= ALL_PAIRS;
+        let mut margin = if few { all } else { (gap(0) + gap(1) + 4000).min(all) };
+        loop {
+            self.find_chords(r, s, rect_r, rect_s, margin, few);
+            if let Some((one, two)) = self.choose(r, s, margin >= all) {
+                self.splice(r, one.1, two.1);
+                self.splice(s, two.2, one.2);
+                return true;
+            }
+            if margin >= all {
+                return false;
+            }
+            margin = (3 * margin).min(all);
         }
-        let shared = |end: Point| if a == end { Some(b) } else { Some(a).filter(|_| b == end) };
-        match shared(u).or_else(|| shared(v)) {
-            Some(other) => !on_segment(u, v, other) && !(on_segment(a, b, u) && on_segment(a, b, v)),
-            None => !segments_meet(u, v, a, b),
+    }
+
+    /// All connections not longer than `margin` that set out and arrive outside of the rings.
+    fn find_chords(&mut self, r: Ring, s: Ring, rect_r: &Rect, rect_s: &Rect, margin: i64, few: bool) {
+        self.chords.clear();
+        if few {
+            for (u, &p) in r.at.iter().enumerate() {
+                for (v, &q) in s.at.iter().enumerate() {
+                    if r.leaves(u, q) && s.leaves(v, p) {
+                        self.chords.push((squared(p, q), u as u32, v as u32));
+                    }
+                }
+            }
+            return;
         }
-    })
-}
-
-/// Doubled area of the loop: R from `one` to `two`, over to S, S from `two` to `one`, and back.
-fn loop_area(r: &[Vertex], s: &[Vertex], sum_r: &[i64], sum_s: &[i64], one: Chord, two: Chord) -> i64 {
-    // Relative to R's first vertex; S's sums are relative to its own, so the chain is moved by what its ends tell.
-    let o = r[0].at;
-    let chain = |sum: &[i64], from: u32, to: u32| {
-        let part = sum[to as usize].wrapping_sub(sum[from as usize]);
-        if to < from { part.wrapping_add(sum[sum.len() - 1]) } else { part }
-    };
-    let (u1, v1) = (r[one.1 as usize].at, s[one.2 as usize].at);
-    let (u2, v2) = (r[two.1 as usize].at, s[two.2 as usize].at);
-    // sum of cross(a - o, b - o) over a chain p..q = the same about o' + cross(o' - o, q - p).
-    let moved = orient(
-        o,
-        s[0].at,
-        [s[0].at[0].wrapping_add(v1[0]).wrapping_sub(v2[0]), s[0].at[1].wrapping_add(v1[1]).wrapping_sub(v2[1])],
-    );
-    chain(sum_r, one.1, two.1)
-        .wrapping_add(orient(o, u2, v2))
-        .wrapping_add(chain(sum_s, two.2, one.2))
-        .wrapping_add(moved)
-        .wrapping_add(orient(o, v1, u1))
-}
-
-/// What the better of the two loops adds to the areas of both, doubled; none where the pair cannot be used.
-fn added(r: &[Vertex], s: &[Vertex], sum_r: &[i64], sum_s: &[i64], one: Chord, two: Chord) -> Option<i64> {
-    if one.1 == two.1 || one.2 == two.2 {
-        return None;
+        for (k, ring, rect) in [(0, r, rect_s), (1, s, rect_r)] {
+            let within = |p: Point| {
+                (0..2).all(|k| {
+                    let c = i64::from(p[k]);
+                    c >= i64::from(rect.low[k]) - margin && c <= i64::from(rect.high[k]) + margin
+                })
+            };
+            self.near[k].clear();
+            self.near[k].extend((0..ring.at.len() as u32).filter(|&i| within(ring.at[i as usize])));
+        }
+        let [us, vs] = &mut self.near;
+        vs.sort_unstable_by_key(|&v| (s.at[v as usize][0], v));
+        for &u in us.iter() {
+            let p = r.at[u as usize];
+            let from = vs.partition_point(|&v| i64::from(s.at[v as usize][0]) < i64::from(p[0]) - margin);
+            for &v in &vs[from..] {
+                let q = s.at[v as usize];
+                if i64::from(q[0]) - i64::from(p[0]) > margin {
+                    break;
+                }
+                let length = squared(p, q);
+                if i128::from(length) <= i128::from(margin) * i128::from(margin)
+                    && r.leaves(u as usize, q)
+                    && s.leaves(v as usize, p)
+                {
+                    self.chords.push((length, u, v));
+                }
+            }
+        }
     }
-    let at = |c: Chord| [r[c.1 as usize].at, s[c.2 as usize].at];
-    let ([a, b], [c, d]) = (at(one), at(two));
-    if segments_meet(a, b, c, d) {
-        return None;
-    }
-    let both = sum_r[r.len()].wrapping_add(sum_s[s.len()]);
-    let area = loop_area(r, s, sum_r, sum_s, one, two).max(loop_area(r, s, sum_r, sum_s, two, one));
-    Some(area - both).filter(|&a| a >= 0)
-}
 
-fn trace(r: &[Vertex], s: &[Vertex], sum_r: &[i64], sum_s: &[i64], one: Chord, two: Chord) -> Vec<Vertex> {
-    let swap = loop_area(r, s, sum_r, sum_s, two, one) > loop_area(r, s, sum_r, sum_s, one, two);
-    let (one, two) = if swap { (two, one) } else { (one, two) };
-    let mut out = Vec::new();
-    let mut chain = |ring: &[Vertex], from: u32, to: u32| {
+    /// Of the shortest clear connections the two that add the least, in the order of the larger loop: R from the
+    /// first to the second, S from the second to the first. `last`: no longer ones exist, so make do with these.
+    fn choose(&mut self, r: Ring, s: Ring, last: bool) -> Option<(Chord, Chord)> {
+        let mut chords = std::mem::take(&mut self.chords);
+        let found = self.choose_from(r, s, last, &mut chords);
+        self.chords = chords;
+        found
+    }
+
+    fn choose_from(&mut self, r: Ring, s: Ring, last: bool, chords: &mut [Chord]) -> Option<(Chord, Chord)> {
+        let origin = r.at[0];
+        let (all_r, all_s) = (self.sums[0][r.at.len()], self.sums[1][s.at.len()]);
+        let both = all_r.wrapping_add(all_s);
+        let mut best: Option<((i64, i64), Chord, Chord)> = None;
+        self.clear.clear();
+        let mut known = Rect::EMPTY;
+        let (mut done, mut step) = (0, 40);
+        while done < chords.len() {
+            let rest = &mut chords[done..];
+            let take = step.min(rest.len());
+            if take < rest.len() {
+                rest.select_nth_unstable(take - 1);
+            }
+            rest[..take].sort_unstable();
+            let mut rect = known;
+            for c in &rest[..take] {
+                rect.add(r.at[c.1 as usize]);
+                rect.add(s.at[c.2 as usize]);
+            }
+            if rect != known {
+                known = rect;
+                self.gather_edges(r, s, &known);
+            }
+            for &chord in &rest[..take] {
+                let (u, v) = (chord.1 as usize, chord.2 as usize);
+                let (p, q) = (r.at[u], s.at[v]);
+                if !is_clear(&self.edges[0], p, q, [u, r.before(u)])
+                    || !is_clear(&self.edges[1], p, q, [v, s.before(v)])
+                {
+                    continue;
+                }
+                // A loop's doubled area is share(second) - share(first), and a whole ring where a chain runs over
+                // its end; the other loop has what is left of both rings' areas.
+                let share = self.sums[0][u].wrapping_sub(self.sums[1][v]).wrapping_add(orient(origin, p, q));
+                for &(other, its) in &self.clear {
+                    let mut area = share.wrapping_sub(its);
+                    if chord.1 < other.1 {
+                        area = area.wrapping_add(all_r);
+                    }
+                    if other.2 < chord.2 {
+                        area = area.wrapping_add(all_s);
+                    }
+                    let swap = area < both.wrapping_sub(area);
+                    let adds = if swap { area.wrapping_neg() } else { area.wrapping_sub(both) };
+                    let key = (adds, chord.0.saturating_add(other.0));
+                    if adds < 0 || chord.1 == other.1 || chord.2 == other.2 || best.is_some_and(|b| b.0 <= key) {
+                        continue;
+                    }
+                    if !segments_meet(p, q, r.at[other.1 as usize], s.at[other.2 as usize]) {
+                        best = Some(if swap { (key, chord, other) } else { (key, other, chord) });
+                    }
+                }
+                self.clear.push((chord, share));
+                if self.clear.len() >= CLEAR
+                    && let Some((_, one, two)) = best
+                {
+                    return Some((one, two));
+                }
+            }
+            done += take;
+            step *= 2;
+        }
+        best.filter(|_| last).map(|(_, one, two)| (one, two))
+    }
+
+    /// Appends the chain of `ring` from one place to another, both included.
+    fn splice(&mut self, ring: Ring, from: u32, to: u32) {
         let (from, to) = (from as usize, to as usize);
-        if from <= to {
-            out.extend_from_slice(&ring[from..=to]);
-        } else {
-            out.extend_from_slice(&ring[from..]);
-            out.extend_from_slice(&ring[..=to]);
+        let n = ring.at.len();
+        let pieces = if from <= to { [from..to + 1, 0..0] } else { [from..n, 0..to + 1] };
+        for piece in pieces {
+            self.at.extend_from_slice(&ring.at[piece.clone()]);
+            self.ids.extend_from_slice(&ring.ids[piece]);
         }
-    };
-    chain(r, one.1, two.1);
-    chain(s, two.2, one.2);
-    out
+    }
+
+    // -------------------------------------------------------------------------------------------- all the rest
+
+    fn erode(&mut self, r: Ring, s: Ring) {
+        let mut sorted: Vec<(u32, Point)> = Vec::with_capacity(r.at.len() + s.at.len());
+        for ring in [r, s] {
+            sorted.extend(ring.ids.iter().copied().zip(ring.at.iter().copied()));
+        }
+        sorted.sort_unstable();
+        sorted.dedup();
+        let mut segments = Vec::with_capacity(sorted.len());
+        for ring in [r, s] {
+            let place = |id: u32| sorted.binary_search_by_key(&id, |v| v.0).expect("all are there") as u32;
+            let places: Vec<u32> = ring.ids.iter().map(|&id| place(id)).collect();
+            segments.extend((0..places.len()).map(|i| [places[i], places[ring.after(i)]]));
+        }
+        let points: Vec<Point> = sorted.iter().map(|v| v.1).collect();
+        let ring = erode(&points, &segments).expect("rings have area");
+        self.at.clear();
+        self.ids.clear();
+        for i in ring {
+            self.ids.push(sorted[i as usize].0);
+            self.at.push(sorted[i as usize].1);
+        }
+    }
 }
 
-/// What is in contact or interlocked.
-fn eroded(r: &[Vertex], s: &[Vertex]) -> Vec<Vertex> {
-    let mut vertices: Vec<Vertex> = r.iter().chain(s).copied().collect();
-    let mut sorted = vertices.clone();
-    sorted.sort_unstable();
-    sorted.dedup();
-    let place = |v: Vertex| sorted.binary_search(&v).expect("all are there") as u32;
-    let mut segments = Vec::with_capacity(vertices.len());
-    for ring in [r, s] {
-        let places: Vec<u32> = ring.iter().map(|&v| place(v)).collect();
-        segments.extend((0..places.len()).map(|i| [places[i], places[(i + 1) % places.len()]]));
-    }
-    let points: Vec<Point> = sorted.iter().map(|v| v.at).collect();
-    let ring = erode(&points, &segments).expect("rings have area");
-    vertices.clear();
-    vertices.extend(ring.iter().map(|&i| sorted[i as usize]));
-    vertices
+#[inline]
+fn squared(p: Point, q: Point) -> i64 {
+    let d = [0, 1].map(|k| i64::from(p[k]) - i64::from(q[k]));
+    d[0] * d[0] + d[1] * d[1]
+}
+
+/// True where p-q meets none of the edges, but for the two at `own` places (which it only leaves).
+#[inline]
+fn is_clear(edges: &[(u32, Segment)], p: Point, q: Point, own: [usize; 2]) -> bool {
+    let rect = Rect::of([p, q]);
+    edges
+        .iter()
+        .all(|&(i, [a, b])| !rect.meets_segment(a, b) || own.contains(&(i as usize)) || !segments_meet(p, q, a, b))
 }
 
 #[cfg(test)]
@@ -284,22 +370,25 @@ mod tests {
     use super::super::segments::is_simple;
     use super::*;
 
-    fn ring(points: &[Point]) -> Vec<Vertex> {
+    fn merge(r: &[Point], s: &[Point]) -> Vec<Point> {
         // Ids that do not depend on the order, and are equal for equal points.
-        points.iter().map(|&at| Vertex { id: ((at[0] + 500) * 1000 + at[1] + 500) as u32, at }).collect()
+        let ids = |ring: &[Point]| -> Vec<u32> {
+            ring.iter().map(|at| ((at[0] + 500) * 1000 + at[1] + 500) as u32).collect()
+        };
+        let mut merger = Merger::default();
+        merger.merge(Ring { at: r, ids: &ids(r) }, Ring { at: s, ids: &ids(s) });
+        assert!(is_simple(&merger.at) && contains(&merger.at, r) && contains(&merger.at, s));
+        merger.at
     }
-    fn points(r: &[Vertex]) -> Vec<Point> {
-        r.iter().map(|v| v.at).collect()
-    }
-    fn square(x: i32, y: i32, side: i32) -> Vec<Vertex> {
-        ring(&[[x, y], [x + side, y], [x + side, y + side], [x, y + side]])
+    fn square(x: i32, y: i32, side: i32) -> Vec<Point> {
+        vec![[x, y], [x + side, y], [x + side, y + side], [x, y + side]]
     }
 
     #[test]
     fn two_squares_apart() {
         assert_eq!(
-            points(&merge(&square(0, 0, 2), &square(5, 0, 2))),
-            [[2, 2], [0, 2], [0, 0], [2, 0], [5, 0], [7, 0], [7, 2], [5, 2]]
+            merge(&square(0, 0, 2), &square(5, 0, 2)),
+            [[0, 0], [2, 0], [5, 0], [7, 0], [7, 2], [5, 2], [2, 2], [0, 2]]
         );
     }
 
@@ -310,13 +399,18 @@ mod tests {
         assert_eq!(merge(&square(0, 0, 3), &big), big);
         assert_eq!(merge(&big, &big), big);
         // A shared wall: the two ends of the wall stay as collinear vertices.
-        let walls = merge(&square(0, 0, 4), &square(4, 0, 4));
-        assert_eq!(doubled_area(&points(&walls)), 2 * 32);
-        let cross = merge(&ring(&[[0, 3], [9, 3], [9, 6], [0, 6]]), &ring(&[[3, 0], [6, 0], [6, 9], [3, 9]]));
-        assert_eq!((cross.len(), is_simple(&points(&cross))), (8, true));
+        assert_eq!(doubled_area(&merge(&square(0, 0, 4), &square(4, 0, 4))), 2 * 32);
+        // A cross: four corners are cut.
+        let cross = merge(&[[0, 3], [9, 3], [9, 6], [0, 6]], &[[3, 0], [6, 0], [6, 9], [3, 9]]);
+        assert_eq!((cross.len(), doubled_area(&cross)), (8, 2 * 27 * 2 - 18 + 4 * 9));
         // A lid over a notch: all vertices and all edge midpoints are on the other ring, yet it is not inside.
-        let notch = ring(&[[0, 0], [90, 0], [90, 9], [30, 9], [30, 3], [10, 3], [10, 9], [0, 9]]);
-        let lid = ring(&[[0, 5], [90, 5], [90, 9], [0, 9]]);
-        assert_eq!(doubled_area(&points(&merge(&notch, &lid))), 2 * 90 * 9);
+        let notch = [[0, 0], [90, 0], [90, 9], [30, 9], [30, 3], [10, 3], [10, 9], [0, 9]];
+        assert_eq!(doubled_area(&merge(&notch, &[[0, 5], [90, 5], [90, 9], [0, 9]])), 2 * 90 * 9);
+    }
+
+    #[test]
+    fn one_corner_in_the_other() {
+        // Outline of the union, with the two crossings at (4, 6) and (6, 4) cut off.
+        assert_eq!(merge(&square(0, 0, 6), &square(4, 4, 6)), [[0, 0], [6, 0], [10, 4], [10, 10], [4, 10], [0, 6]]);
     }
 }

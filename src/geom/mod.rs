@@ -15,6 +15,7 @@ pub mod mercator;
 pub mod merge_rings;
 pub mod nearest;
 pub mod outer_hull;
+pub mod outline;
 pub mod overlaps;
 pub mod predicates;
 pub mod repair;

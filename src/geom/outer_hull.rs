@@ -103,7 +103,9 @@ fn small(ring: &[Point], ids: &[u32], target: usize, kept: &mut Vec<u32>) {
         let (a, v, b) = (at(k + left - 1), live[k], at(k + 1));
         let (pa, pv, pb) = (ring[a as usize], ring[v as usize], ring[b as usize]);
         let blocker = |&&i: &&u8| i != a && i != v && i != b && blocks(pa, pv, pb, ring[i as usize]);
-        if area > 0 && let Some(&by) = live[..left].iter().find(blocker) {
+        if area > 0
+            && let Some(&by) = live[..left].iter().find(blocker)
+        {
             waits[v as usize] = by;
             continue;
         }
@@ -187,7 +189,9 @@ impl Chain {
             }
             let a = self.prev[i];
             let (pa, pv, pb) = (self.at[a as usize], self.at[i], self.at[b as usize]);
-            if area > 0 && let Some(by) = self.grid.blocker(pa, pv, pb, [a, v, b], &self.next) {
+            if area > 0
+                && let Some(by) = self.grid.blocker(pa, pv, pb, [a, v, b], &self.next)
+            {
                 self.waits_on[i] = by;
                 self.waiting.push((v, self.waiters[by as usize]));
                 self.waiters[by as usize] = self.waiting.len() as u32 - 1;
@@ -389,7 +393,8 @@ fn hull_places(ring: &[Point]) -> Vec<u32> {
             continue;
         }
         let m = hull.len();
-        let inside = orient(at(hull[0]), at(hull[1]), at(i)) >= 0 && orient(at(hull[m - 2]), at(hull[m - 1]), at(i)) >= 0;
+        let inside =
+            orient(at(hull[0]), at(hull[1]), at(i)) >= 0 && orient(at(hull[m - 2]), at(hull[m - 1]), at(i)) >= 0;
         if inside {
             continue;
         }

@@ -21,7 +21,8 @@ use serde::{Deserialize, Serialize};
 use crate::artifact::hulls::HullState;
 use crate::artifact::{Dendrogram, Footprints, Hulls};
 use crate::diag::{Diagnostic, Note, Result};
-use crate::geom::merge_rings::{Vertex, merge};
+use crate::geom::merge_rings::{Merger, Ring};
+use crate::geom::outer_hull::Simplifier;
 use crate::geom::segments::is_simple;
 use crate::geom::union_area::Polygon;
 use crate::geom::{Point, distinct, erode, outer_hull, overlaps, ring};
@@ -180,24 +181,25 @@ impl Leaves {
             .into_par_iter()
             .map(|b| {
                 let mut numbers = &numbers[from[b] as usize..];
-                let mut hull: Vec<Vertex> = Vec::new();
+                let mut hull: (Vec<Point>, Vec<u32>) = (Vec::new(), Vec::new());
                 let mut cause = None;
                 for shell in shapes.shells(b) {
                     let (mine, rest) = numbers.split_at(shell.len());
                     numbers = rest;
-                    let outline: Vec<Vertex> = mine.iter().zip(shell).map(|(&id, &at)| Vertex { id, at }).collect();
-                    let (outline, why) = clean(outline);
+                    let (outline, why) = clean(shell, mine);
                     cause = cause.or(why);
-                    hull = match (hull.is_empty(), outline.is_empty()) {
-                        (true, _) => outline,
-                        (false, true) => hull,
-                        (false, false) => merge(&hull, &outline),
-                    };
+                    if hull.0.is_empty() {
+                        hull = outline;
+                    } else if !outline.0.is_empty() {
+                        let mut merger = Merger::default();
+                        merger.merge(Ring { at: &hull.0, ids: &hull.1 }, Ring { at: &outline.0, ids: &outline.1 });
+                        hull = (merger.at, merger.ids);
+                    }
                 }
-                if hull.is_empty() {
+                if hull.0.is_empty() {
                     cause = Some(NO_AREA);
                 }
-                (hull.iter().map(|v| v.id).collect(), cause)
+                (hull.1, cause)
             })
             .collect();
         let mut leaves = Self {
@@ -222,21 +224,27 @@ impl Leaves {
 }
 
 /// A simple counter-clockwise ring around an outline, and what was wrong with it; empty where it has no area.
-fn clean(mut outline: Vec<Vertex>) -> (Vec<Vertex>, Option<&'static str>) {
-    outline.dedup_by_key(|v| v.at);
-    while outline.len() > 1 && outline[0].at == outline[outline.len() - 1].at {
-        outline.pop();
+fn clean(shell: &[Point], numbers: &[u32]) -> ((Vec<Point>, Vec<u32>), Option<&'static str>) {
+    let (mut at, mut ids) = (shell.to_vec(), numbers.to_vec());
+    at.dedup();
+    ids.dedup();
+    while at.len() > 1 && at[0] == at[at.len() - 1] {
+        at.pop();
+        ids.pop();
     }
-    let points: Vec<Point> = outline.iter().map(|v| v.at).collect();
-    if outline.len() >= 3 && is_simple(&points) {
-        if ring::doubled_area(&points) < 0 {
-            outline.reverse();
+    if at.len() >= 3 && is_simple(&at) {
+        if ring::doubled_area(&at) < 0 {
+            at.reverse();
+            ids.reverse();
         }
-        return (outline, None);
+        return ((at, ids), None);
     }
-    match erode::around(&points) {
-        Some(places) => (places.iter().map(|&i| outline[i as usize]).collect(), Some(CROSSED)),
-        None => (Vec::new(), Some(NO_AREA)),
+    match erode::around(&at) {
+        Some(places) => {
+            let pick = |i: &u32| (at[*i as usize], ids[*i as usize]);
+            (places.iter().map(pick).unzip(), Some(CROSSED))
+        }
+        None => ((Vec::new(), Vec::new()), Some(NO_AREA)),
     }
 }
 
@@ -258,6 +266,11 @@ impl Part {
         let from = if i == 0 { 0 } else { self.ends[i - 1] };
         &self.rings[from as usize..self.ends[i] as usize]
     }
+    fn clear(&mut self) {
+        for column in [&mut self.cluster, &mut self.ends, &mut self.rings, &mut self.merged_edges, &mut self.edges] {
+            column.clear();
+        }
+    }
     fn push(&mut self, cluster: u32, ring: impl IntoIterator<Item = u32>, merged_edges: u32, edges: u32) {
         self.cluster.push(cluster);
         self.rings.extend(ring);
@@ -267,11 +280,13 @@ impl Part {
     }
 }
 
-/// A child as its parent sees it.
-#[derive(Clone, Copy)]
-struct Child<'a> {
-    ring: &'a [u32],
-    edges: u32,
+/// Working memory of one thread.
+#[derive(Default)]
+struct Desk {
+    merger: Merger,
+    simplifier: Simplifier,
+    points: [Vec<Point>; 2],
+    kept: Vec<u32>,
 }
 
 struct Work<'a> {
@@ -290,16 +305,10 @@ impl Work<'_> {
             Some([left, right]) if self.tree.size_of(top) > GRAIN => {
                 let mut others = Vec::new();
                 rayon::join(|| self.subtree(left, parts), || self.subtree(right, &mut others));
-                let last = |parts: &[Part]| parts.len() - 1;
+                let last = |parts: &[Part]| (parts.len() - 1, parts[parts.len() - 1].cluster.len() - 1);
+                let ((p, i), (q, j)) = (last(parts), last(&others));
                 let mut part = Part::default();
-                {
-                    let child = |part: &Part| -> (Vec<u32>, u32) {
-                        let i = part.cluster.len() - 1;
-                        (part.ring(i).to_vec(), part.edges[i])
-                    };
-                    let (l, r) = (child(&parts[last(parts)]), child(&others[last(&others)]));
-                    self.node(top, Child { ring: &l.0, edges: l.1 }, Child { ring: &r.0, edges: r.1 }, &mut part);
-                }
+                self.node(top, (&parts[p], i), (&others[q], j), &mut Desk::default(), &mut part);
                 parts.append(&mut others);
                 parts.push(part);
             }
@@ -308,14 +317,16 @@ impl Work<'_> {
     }
 
     fn sequential(&self, top: u32) -> Part {
-        let mut part = Part::default();
+        let (mut part, mut one) = (Part::default(), Part::default());
+        let mut desk = Desk::default();
         let mut todo = vec![(top, false)];
         let mut done: Vec<usize> = Vec::new();
         while let Some((cluster, ready)) = todo.pop() {
             match self.tree.children(cluster) {
                 None => {
                     let ring = self.leaves.ring(cluster);
-                    let edges = self.edges_of(ring);
+                    self.place(ring, &mut desk.points[0]);
+                    let edges = ring::edges_without_collinear(&desk.points[0]) as u32;
                     part.push(cluster, ring.iter().copied(), edges, edges);
                 }
                 Some([left, right]) if !ready => {
@@ -324,10 +335,9 @@ impl Work<'_> {
                 }
                 Some(_) => {
                     let (r, l) = (done.pop().expect("two children"), done.pop().expect("two children"));
-                    let mut one = Part::default();
-                    let child = |i: usize| Child { ring: part.ring(i), edges: part.edges[i] };
-                    self.node(cluster, child(l), child(r), &mut one);
-                    part.push(cluster, one.rings, one.merged_edges[0], one.edges[0]);
+                    one.clear();
+                    self.node(cluster, (&part, l), (&part, r), &mut desk, &mut one);
+                    part.push(cluster, one.rings.iter().copied(), one.merged_edges[0], one.edges[0]);
                 }
             }
             done.push(part.cluster.len() - 1);
@@ -335,34 +345,29 @@ impl Work<'_> {
         part
     }
 
-    fn vertices(&self, ring: &[u32]) -> Vec<Vertex> {
-        ring.iter().map(|&id| Vertex { id, at: self.leaves.vertices[id as usize] }).collect()
+    fn place(&self, ring: &[u32], out: &mut Vec<Point>) {
+        out.clear();
+        out.extend(ring.iter().map(|&id| self.leaves.vertices[id as usize]));
     }
 
-    fn edges_of(&self, ring: &[u32]) -> u32 {
-        let points: Vec<Point> = ring.iter().map(|&id| self.leaves.vertices[id as usize]).collect();
-        ring::edges_without_collinear(&points) as u32
-    }
-
-    /// The ring of one inner node.
-    fn node(&self, cluster: u32, left: Child, right: Child, part: &mut Part) {
-        if left.ring.is_empty() || right.ring.is_empty() {
-            let only = if left.ring.is_empty() { right } else { left };
-            part.push(cluster, only.ring.iter().copied(), only.edges, only.edges);
-            return;
+    /// Appends the ring of one inner node to `part`, from its children's.
+    fn node(&self, cluster: u32, left: (&Part, usize), right: (&Part, usize), desk: &mut Desk, part: &mut Part) {
+        let [l, r] = [left, right].map(|(part, i)| (part.ring(i), part.edges[i]));
+        if l.0.is_empty() || r.0.is_empty() {
+            let only = if l.0.is_empty() { r } else { l };
+            return part.push(cluster, only.0.iter().copied(), only.1, only.1);
         }
-        let merged = merge(&self.vertices(left.ring), &self.vertices(right.ring));
-        let points: Vec<Point> = merged.iter().map(|v| v.at).collect();
-        let own = ring::edges_without_collinear(&points) as u32;
+        let Desk { merger, simplifier, points: [at_l, at_r], kept } = desk;
+        self.place(l.0, at_l);
+        self.place(r.0, at_r);
+        merger.merge(Ring { at: at_l, ids: l.0 }, Ring { at: at_r, ids: r.0 });
+        let own = ring::edges_without_collinear(&merger.at) as u32;
         if self.how.merge == Merge::Source {
-            part.push(cluster, merged.iter().map(|v| v.id), own, own);
-            return;
+            return part.push(cluster, merger.ids.iter().copied(), own, own);
         }
-        let ids: Vec<u32> = merged.iter().map(|v| v.id).collect();
-        let target = outer_hull::target(self.how.keep, left.edges + right.edges, self.how.floor, own);
-        let mut kept = Vec::new();
-        outer_hull::Simplifier::default().keep(&points, &ids, target, &mut kept);
-        part.push(cluster, kept.iter().map(|&i| ids[i as usize]), own, kept.len() as u32);
+        let target = outer_hull::target(self.how.keep, l.1 + r.1, self.how.floor, own);
+        simplifier.keep(&merger.at, &merger.ids, target, kept);
+        part.push(cluster, kept.iter().map(|&i| merger.ids[i as usize]), own, kept.len() as u32);
     }
 }
 
@@ -554,8 +559,7 @@ mod tests {
             for &b in members {
                 for shell in footprints.polygons.shells(b as usize) {
                     input.extend_from_slice(shell);
-                    let (outline, _) = clean(shell.iter().map(|&at| Vertex { id: 0, at }).collect());
-                    let outline: Vec<Point> = outline.iter().map(|v| v.at).collect();
+                    let ((outline, _), _) = clean(shell, &(0..shell.len() as u32).collect::<Vec<_>>());
                     assert!(contains(&ring, &outline), "{context}: cluster {c} does not cover building {b}");
                 }
             }
@@ -591,7 +595,7 @@ mod tests {
             vec![[3000, 0], [4000, 0], [4000, 3000], [3000, 3000]],
         ]);
         // Eight edges, of which 2/3 rounded up are six.
-        assert_eq!(points(&hulls, 2), [[1000, 1000], [0, 1000], [0, 0], [4000, 0], [4000, 3000], [3000, 3000]]);
+        assert_eq!(points(&hulls, 2), [[0, 0], [4000, 0], [4000, 3000], [3000, 3000], [1000, 1000], [0, 1000]]);
         assert_eq!((hulls.merged_edges[2], hulls.buildings[2]), (6, 2));
         assert_eq!(hulls.area_m2[2], 1.0 + 3.0 + 4.0);
         assert_eq!((hulls.negative_space_m2[2], hulls.negative_space_m2[0]), (4.0, 0.0));
