@@ -23,13 +23,14 @@ pub enum HullState {
 crate::json_field!(HullState);
 
 crate::columns! {
-    /// m nodes with a ring each. Rings are counter-clockwise and simple, lists of indices into `vertices`; an
-    /// empty one stands for a leaf without an outline (degenerate, counted by its maker).
+    /// m nodes with a ring each. Rings are counter-clockwise and simple, lists of indices into `vertices`, an
+    /// inner node's from its lowest one; an empty one stands for a leaf without an outline (degenerate, counted by its maker).
     #[derive(Clone, Debug, PartialEq)]
     pub struct Hulls {
         pub frame: Frame,
         pub state: HullState,
-        /// Distinct input vertices sorted by coordinate, millimetres.
+        /// Distinct input vertices in order of first occurrence, buildings in the dendrogram's leaf order,
+        /// millimetres: so ties by index hang neither on the order of rows nor on where north is.
         pub vertices: Vec<[i32; 2]>,
         /// m + 1 offsets into `rings`.
         pub starts: Vec<u32>,

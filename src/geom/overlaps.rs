@@ -5,6 +5,8 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
+
 use super::Point;
 use super::predicates::{orient, segments_cross, segments_meet};
 use super::ring::doubled_area;
@@ -22,9 +24,12 @@ pub struct Tree<'a> {
     pub leaf: &'a [u32],
 }
 
+/// The polygons of the building at a place.
+pub type Polygons<'a, 'f> = &'f (dyn Fn(usize) -> Vec<Polygon<'a>> + Sync);
+
 /// For every cluster what its children's unions cover both, doubled square millimetres: area of the union =
-/// sum over both children - this. `area` is of the buildings by place, `polygons` gives theirs.
-pub fn covered_twice<'a>(tree: &Tree, area: &[f64], polygons: &dyn Fn(usize) -> Vec<Polygon<'a>>) -> Vec<f64> {
+/// sum over both children - this. `area` and `polygons` are of the buildings by place.
+pub fn covered_twice<'a>(tree: &Tree, area: &[f64], polygons: Polygons<'a, '_>) -> Vec<f64> {
     let mut out = vec![0.0; tree.size.len()];
     for group in groups(area.len(), polygons) {
         // Excess of the sum of the areas over the union, by cluster: at every place where members come together.
@@ -58,8 +63,9 @@ fn common(tree: &Tree, p: u32, q: u32) -> u32 {
 }
 
 /// Places that overlap each other, directly or through others; sorted, by first place.
-fn groups<'a>(n: usize, polygons: &dyn Fn(usize) -> Vec<Polygon<'a>>) -> Vec<Vec<u32>> {
+fn groups(n: usize, polygons: Polygons) -> Vec<Vec<u32>> {
     let boxes: Vec<Segment> = (0..n)
+        .into_par_iter()
         .map(|p| {
             let rect = Rect::of(polygons(p).iter().flat_map(|q| q.shell.iter().copied()));
             if rect == Rect::EMPTY { [[i32::MAX; 2]; 2] } else { [rect.low, rect.high] }
@@ -75,6 +81,13 @@ fn groups<'a>(n: usize, polygons: &dyn Fn(usize) -> Vec<Polygon<'a>>) -> Vec<Vec
     });
     pairs.sort_unstable();
     pairs.dedup();
+    let true_pairs: Vec<(u32, u32)> = pairs
+        .into_par_iter()
+        .filter(|&(i, j)| {
+            let (p, q) = (polygons(i as usize), polygons(j as usize));
+            p.iter().any(|p| q.iter().any(|q| overlap(p.shell, q.shell)))
+        })
+        .collect();
     let mut root: Vec<u32> = (0..n as u32).collect();
     fn find(root: &mut [u32], mut i: u32) -> u32 {
         while root[i as usize] != i {
@@ -83,14 +96,9 @@ fn groups<'a>(n: usize, polygons: &dyn Fn(usize) -> Vec<Polygon<'a>>) -> Vec<Vec
         }
         i
     }
-    for (i, j) in pairs {
+    for (i, j) in true_pairs {
         let (a, b) = (find(&mut root, i), find(&mut root, j));
-        if a != b {
-            let (p, q) = (polygons(i as usize), polygons(j as usize));
-            if p.iter().any(|p| q.iter().any(|q| overlap(p.shell, q.shell))) {
-                root[a.max(b) as usize] = a.min(b);
-            }
-        }
+        root[a.max(b) as usize] = a.min(b);
     }
     let mut members: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for p in 0..n as u32 {

@@ -11,6 +11,7 @@ pub mod merge_hulls;
 pub mod read_cityjson;
 pub mod read_geojson;
 pub mod read_lines;
+pub mod simplify_footprints;
 pub mod simplify_polyline;
 pub mod tile;
 pub mod write_cityjson;
@@ -31,6 +32,7 @@ static LIST: &[Entry] = &[
     Entry::of::<read_cityjson::ReadCityjson>(),
     Entry::of::<read_geojson::ReadGeojson>(),
     Entry::of::<read_lines::ReadLines>(),
+    Entry::of::<simplify_footprints::SimplifyFootprints>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<tile::Tile>(),
     Entry::of::<write_cityjson::WriteCityjson>(),
