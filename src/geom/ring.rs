@@ -2,7 +2,7 @@
 
 use super::Point;
 use super::predicates::{on_segment, orient, segments_cross};
-use super::segments::{Rect, Segment, edges, near_pairs};
+use super::segments::{Segment, edges, near_pairs};
 
 /// Twice the signed area: positive for counter-clockwise. Exact.
 pub fn doubled_area(ring: &[Point]) -> i64 {
@@ -84,41 +84,53 @@ pub fn side(ring: &[Point], p: [i64; 2]) -> Side {
 /// All vertices and edge midpoints inside are not enough: an edge may lie over the mouth of a notch.
 pub fn contains(outer: &[Point], inner: &[Point]) -> bool {
     let (all, mine): (Vec<Segment>, Vec<Segment>) = (edges(outer).collect(), edges(inner).collect());
-    // Between two places where an edge touches the outline it is in, on or out as a whole.
-    let mut stops: Vec<(u32, Point)> = mine.iter().enumerate().map(|(i, e)| (i as u32, e[1])).collect();
-    let mut touching = false;
+    // Between two places where the inner ring touches the outer one it is in, on or out as a whole.
+    let mut stops: Vec<(u32, Point, bool)> = Vec::new();
+    let mut along: Vec<(u32, Segment)> = Vec::new();
+    let mut touches = vec![false; mine.len()];
     let crossing = near_pairs(&mine, &all, |i, j| {
         let ([a, b], [c, d]) = (mine[i as usize], all[j as usize]);
-        for p in [c, d].into_iter().filter(|&p| on_segment(a, b, p)) {
-            stops.push((i, p));
+        stops.extend([c, d].into_iter().filter(|&p| on_segment(a, b, p)).map(|p| (i, p, true)));
+        touches[i as usize] |= on_segment(c, d, a);
+        if orient(a, b, c) == 0 && orient(a, b, d) == 0 {
+            along.push((i, [c, d]));
         }
-        touching |= on_segment(a, b, c) || on_segment(c, d, a);
         segments_cross(a, b, c, d)
     });
-    let within = |p: [i64; 2]| side(outer, p) != Side::Out;
     if crossing || outer.len() < 3 {
         return false;
     }
-    if !touching {
-        return inner.first().is_none_or(|p| within(p.map(|c| 2 * i64::from(c))));
-    }
-    let rect = Rect::of(outer.iter().copied());
-    let far = |i: u32, p: Point| {
+    stops.extend((0..mine.len()).map(|i| {
+        let next = if i + 1 == mine.len() { 0 } else { i + 1 };
+        (i as u32, mine[i][1], touches[next])
+    }));
+    let far = |&(i, p, _): &(u32, Point, bool)| {
         let [a, _] = mine[i as usize];
-        (0..2).map(|k| (i64::from(p[k]) - i64::from(a[k])).abs()).sum::<i64>()
+        (i, (0..2).map(|k| (i64::from(p[k]) - i64::from(a[k])).abs()).sum::<i64>())
     };
-    stops.sort_by_key(|&(i, p)| (i, far(i, p)));
-    stops.dedup();
-    let mut from = None;
-    inner.iter().all(|&p| rect.holds(p))
-        && stops.iter().all(|&(i, p)| {
-            let start = match from {
-                Some((edge, last)) if edge == i => last,
-                _ => mine[i as usize][0],
-            };
-            from = Some((i, p));
-            start == p || within([0, 1].map(|k| i64::from(start[k]) + i64::from(p[k])))
-        })
+    stops.sort_by_key(far);
+    along.sort_unstable();
+    along.dedup();
+    let mut known = false;
+    let mut last = None;
+    stops.into_iter().all(|(i, p, touch)| {
+        let start = match last {
+            Some((edge, point)) if edge == i => point,
+            _ => {
+                known &= !touches[i as usize];
+                mine[i as usize][0]
+            }
+        };
+        last = Some((i, p));
+        let of = &along[along.partition_point(|l| l.0 < i)..along.partition_point(|l| l.0 <= i)];
+        let covered = || of.iter().any(|&(_, [c, d])| on_segment(c, d, start) && on_segment(c, d, p));
+        let fine = start == p
+            || known
+            || covered()
+            || side(outer, [0, 1].map(|k| i64::from(start[k]) + i64::from(p[k]))) != Side::Out;
+        known = (known || start != p) && !touch;
+        fine
+    })
 }
 
 #[cfg(test)]
