@@ -17,9 +17,12 @@
 //!
 //! Tried: Delaunay edges as candidates (0.3 % of the merges of real cities join a pair that is no such edge).
 
+mod forest;
 mod join;
 mod outlines;
 mod points;
+mod query;
+mod search;
 
 use rayon::prelude::*;
 use schemars::JsonSchema;
