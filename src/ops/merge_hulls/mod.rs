@@ -11,21 +11,23 @@
 //!         Edges are counted without collinear vertices.
 //!         The ring of a node keeps max(`keep` * edges of its children, `floor` * edges of its own) edges, rounded
 //!         up, or more where it is convex before that.
+//! Errors: the footprints and the dendrogram differ in their number of buildings.
 //! Cost:   near O(n log n), parallel over subtrees.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, sections 5, 6.
 
-use rayon::prelude::*;
+mod leaves;
+mod nodes;
+mod sizes;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::leaves::Leaves;
+use self::nodes::Work;
+use self::sizes::{Built, measure};
 use crate::artifact::hulls::HullState;
 use crate::artifact::{Dendrogram, Footprints, Hulls};
 use crate::diag::{Diagnostic, Note, Result};
-use crate::geom::merge_rings::{Merger, Ring};
-use crate::geom::outer_hull::Simplifier;
-use crate::geom::segments::is_simple;
-use crate::geom::union_area::Polygon;
-use crate::geom::{Point, distinct, erode, outer_hull, overlaps, ring};
 use crate::op::{Ctx, Op};
 use crate::{inputs, params};
 
@@ -150,337 +152,16 @@ pub fn merge_hulls(footprints: &Footprints, tree: &Dendrogram, how: &MergeHulls)
     (hulls, repairs)
 }
 
-// ------------------------------------------------------------------------------------------------------ leaves
-
-/// The leaves' own rings.
-struct Leaves {
-    vertices: Vec<Point>,
-    /// By building: offsets into `rings`, vertex numbers.
-    starts: Vec<u32>,
-    rings: Vec<u32>,
-    repairs: Vec<(u32, &'static str)>,
-    /// By building: an outline of its crosses or touches itself.
-    crossed: Vec<bool>,
-}
-
-const CROSSED: &str = "outline crosses or touches itself: taken as the ring around its edges";
-const NO_AREA: &str = "outline without area: no ring";
-
-impl Leaves {
-    fn new(footprints: &Footprints, order: &[u32]) -> Self {
-        let shapes = &footprints.polygons;
-        let shells = || order.iter().flat_map(|&b| shapes.shells(b as usize));
-        let points: Vec<Point> = shells().flatten().copied().collect();
-        let (vertices, numbers) = distinct::number(points.into_iter());
-        // Where each building's shells begin in `numbers`.
-        let mut from = vec![0u32; footprints.len() + 1];
-        let mut at = 0u32;
-        for &b in order {
-            from[b as usize] = at;
-            at += shapes.shells(b as usize).map(|s| s.len() as u32).sum::<u32>();
-        }
-        let built: Vec<(Vec<u32>, Option<&'static str>)> = (0..footprints.len())
-            .into_par_iter()
-            .map(|b| {
-                let mut numbers = &numbers[from[b] as usize..];
-                let mut hull: (Vec<Point>, Vec<u32>) = (Vec::new(), Vec::new());
-                let mut cause = None;
-                for shell in shapes.shells(b) {
-                    let (mine, rest) = numbers.split_at(shell.len());
-                    numbers = rest;
-                    let (outline, why) = clean(shell, mine);
-                    cause = cause.or(why);
-                    if hull.0.is_empty() {
-                        hull = outline;
-                    } else if !outline.0.is_empty() {
-                        let mut merger = Merger::default();
-                        merger.merge(Ring { at: &hull.0, ids: &hull.1 }, Ring { at: &outline.0, ids: &outline.1 });
-                        hull = (merger.at, merger.ids);
-                    }
-                }
-                if hull.0.is_empty() {
-                    cause = Some(NO_AREA);
-                }
-                (hull.1, cause)
-            })
-            .collect();
-        let mut leaves = Self {
-            vertices,
-            starts: vec![0],
-            rings: Vec::with_capacity(numbers.len()),
-            repairs: Vec::new(),
-            crossed: Vec::new(),
-        };
-        for (b, (ring, cause)) in built.iter().enumerate() {
-            leaves.rings.extend_from_slice(ring);
-            leaves.starts.push(leaves.rings.len() as u32);
-            leaves.crossed.push(cause.is_some());
-            leaves.repairs.extend(cause.map(|c| (b as u32, c)));
-        }
-        leaves
-    }
-    fn ring(&self, building: u32) -> &[u32] {
-        let b = building as usize;
-        &self.rings[self.starts[b] as usize..self.starts[b + 1] as usize]
-    }
-}
-
-/// A simple counter-clockwise ring around an outline, and what was wrong with it; empty where it has no area.
-fn clean(shell: &[Point], numbers: &[u32]) -> ((Vec<Point>, Vec<u32>), Option<&'static str>) {
-    let (mut at, mut ids) = (shell.to_vec(), numbers.to_vec());
-    at.dedup();
-    ids.dedup();
-    while at.len() > 1 && at[0] == at[at.len() - 1] {
-        at.pop();
-        ids.pop();
-    }
-    if at.len() >= 3 && is_simple(&at) {
-        if ring::doubled_area(&at) < 0 {
-            at.reverse();
-            ids.reverse();
-        }
-        return ((at, ids), None);
-    }
-    match erode::around(&at) {
-        Some(places) => {
-            let pick = |i: &u32| (at[*i as usize], ids[*i as usize]);
-            (places.iter().map(pick).unzip(), Some(CROSSED))
-        }
-        None => ((Vec::new(), Vec::new()), Some(NO_AREA)),
-    }
-}
-
-// ------------------------------------------------------------------------------------------------------- nodes
-
-/// Rings of some clusters, in the order they were made.
-#[derive(Default)]
-struct Part {
-    cluster: Vec<u32>,
-    ends: Vec<u32>,
-    rings: Vec<u32>,
-    merged_edges: Vec<u32>,
-    /// Edges of the ring after its simplification, without collinear vertices.
-    edges: Vec<u32>,
-}
-
-impl Part {
-    fn ring(&self, i: usize) -> &[u32] {
-        let from = if i == 0 { 0 } else { self.ends[i - 1] };
-        &self.rings[from as usize..self.ends[i] as usize]
-    }
-    fn clear(&mut self) {
-        for column in [&mut self.cluster, &mut self.ends, &mut self.rings, &mut self.merged_edges, &mut self.edges] {
-            column.clear();
-        }
-    }
-    fn push(&mut self, cluster: u32, ring: impl IntoIterator<Item = u32>, merged_edges: u32, edges: u32) {
-        self.cluster.push(cluster);
-        self.rings.extend(ring);
-        self.ends.push(self.rings.len() as u32);
-        self.merged_edges.push(merged_edges);
-        self.edges.push(edges);
-    }
-}
-
-/// Working memory of one thread.
-#[derive(Default)]
-struct Desk {
-    merger: Merger,
-    simplifier: Simplifier,
-    points: [Vec<Point>; 2],
-    kept: Vec<u32>,
-}
-
-struct Work<'a> {
-    tree: &'a Dendrogram,
-    leaves: &'a Leaves,
-    how: &'a MergeHulls,
-}
-
-/// Subtrees of at most so many leaves are one piece of work.
-const GRAIN: u32 = 256;
-
-impl Work<'_> {
-    /// All rings of a subtree; the last of the last part is the top's.
-    fn subtree(&self, top: u32, parts: &mut Vec<Part>) {
-        match self.tree.children(top) {
-            Some([left, right]) if self.tree.size_of(top) > GRAIN => {
-                let mut others = Vec::new();
-                rayon::join(|| self.subtree(left, parts), || self.subtree(right, &mut others));
-                let last = |parts: &[Part]| (parts.len() - 1, parts[parts.len() - 1].cluster.len() - 1);
-                let ((p, i), (q, j)) = (last(parts), last(&others));
-                let mut part = Part::default();
-                self.node(top, (&parts[p], i), (&others[q], j), &mut Desk::default(), &mut part);
-                parts.append(&mut others);
-                parts.push(part);
-            }
-            _ => parts.push(self.sequential(top)),
-        }
-    }
-
-    fn sequential(&self, top: u32) -> Part {
-        let (mut part, mut one) = (Part::default(), Part::default());
-        let mut desk = Desk::default();
-        let mut todo = vec![(top, false)];
-        let mut done: Vec<usize> = Vec::new();
-        while let Some((cluster, ready)) = todo.pop() {
-            match self.tree.children(cluster) {
-                None => {
-                    let ring = self.leaves.ring(cluster);
-                    self.place(ring, &mut desk.points[0]);
-                    let edges = ring::edges_without_collinear(&desk.points[0]) as u32;
-                    part.push(cluster, ring.iter().copied(), edges, edges);
-                }
-                Some([left, right]) if !ready => {
-                    todo.extend([(cluster, true), (right, false), (left, false)]);
-                    continue;
-                }
-                Some(_) => {
-                    let (r, l) = (done.pop().expect("two children"), done.pop().expect("two children"));
-                    one.clear();
-                    self.node(cluster, (&part, l), (&part, r), &mut desk, &mut one);
-                    part.push(cluster, one.rings.iter().copied(), one.merged_edges[0], one.edges[0]);
-                }
-            }
-            done.push(part.cluster.len() - 1);
-        }
-        part
-    }
-
-    fn place(&self, ring: &[u32], out: &mut Vec<Point>) {
-        out.clear();
-        out.extend(ring.iter().map(|&id| self.leaves.vertices[id as usize]));
-    }
-
-    /// Appends the ring of one inner node to `part`, from its children's.
-    fn node(&self, cluster: u32, left: (&Part, usize), right: (&Part, usize), desk: &mut Desk, part: &mut Part) {
-        let [l, r] = [left, right].map(|(part, i)| (part.ring(i), part.edges[i]));
-        if l.0.is_empty() || r.0.is_empty() {
-            let only = if l.0.is_empty() { r } else { l };
-            return part.push(cluster, only.0.iter().copied(), only.1, only.1);
-        }
-        let Desk { merger, simplifier, points: [at_l, at_r], kept } = desk;
-        self.place(l.0, at_l);
-        self.place(r.0, at_r);
-        merger.merge(Ring { at: at_l, ids: l.0 }, Ring { at: at_r, ids: r.0 });
-        let own = ring::edges_without_collinear(&merger.at) as u32;
-        if self.how.merge == Merge::Source {
-            return part.push(cluster, merger.ids.iter().copied(), own, own);
-        }
-        let target = outer_hull::target(self.how.keep, l.1 + r.1, self.how.floor, own);
-        simplifier.keep(&merger.at, &merger.ids, target, kept);
-        part.push(cluster, kept.iter().map(|&i| merger.ids[i as usize]), own, kept.len() as u32);
-    }
-}
-
-// ------------------------------------------------------------------------------------------------------- sizes
-
-/// Doubled square millimetres: whole numbers but for overlaps, so that sums are exact.
-struct Built {
-    /// Of each building, without its courtyards.
-    own: Vec<f64>,
-    /// Of the union of each cluster's buildings.
-    union: Vec<f64>,
-}
-
-impl Built {
-    fn new(footprints: &Footprints, tree: &Dendrogram, crossed: &[bool]) -> Self {
-        let (order, first) = tree.leaf_order();
-        let shapes = &footprints.polygons;
-        let polygons = |b: usize| -> Vec<Polygon> {
-            let polygon = |p: usize| {
-                let mut rings = shapes.rings_of(p).map(|r| shapes.ring(r));
-                Some(Polygon { shell: rings.next()?, holes: rings.collect() })
-            };
-            shapes.polygons_of(b).filter_map(polygon).collect()
-        };
-        let n = footprints.len();
-        let own: Vec<f64> = (0..n).into_par_iter().map(|b| overlaps::built_area(&polygons(b), !crossed[b])).collect();
-        let size: Vec<u32> = (0..tree.cluster_count() as u32).map(|c| tree.size_of(c)).collect();
-        let by_place: Vec<f64> = order.iter().map(|&b| own[b as usize]).collect();
-        let by = overlaps::Tree { first: &first, size: &size, parent: &tree.parents(), leaf: &order };
-        let twice = overlaps::covered_twice(&by, &by_place, &|place| polygons(order[place] as usize));
-        let mut union = own.clone();
-        for (merge, (&l, &r)) in tree.left.iter().zip(&tree.right).enumerate() {
-            union.push(union[l as usize] + union[r as usize] - twice[n + merge]);
-        }
-        Self { own, union }
-    }
-}
-
-/// Fills areas, negative space and heights.
-fn measure(hulls: &mut Hulls, footprints: &Footprints, tree: &Dendrogram, height: Height, built: &Built) {
-    let n = tree.leaf_count();
-    let above: Vec<f64> = footprints.top.iter().zip(&footprints.base).map(|(t, b)| t - b).collect();
-    let mut sums: Vec<[f64; 3]> =
-        (0..n).map(|b| [built.own[b], built.own[b] * footprints.base[b], built.own[b] * above[b]]).collect();
-    let mut plain: Vec<[f64; 2]> = (0..n).map(|b| [footprints.base[b], above[b]]).collect();
-    hulls.ground = footprints.base.clone();
-    hulls.height = above.clone();
-    for (merge, (&l, &r)) in tree.left.iter().zip(&tree.right).enumerate() {
-        let (l, r) = (l as usize, r as usize);
-        let sum = [0, 1, 2].map(|k| sums[l][k] + sums[r][k]);
-        let even = [0, 1].map(|k| plain[l][k] + plain[r][k]);
-        let size = f64::from(tree.size[merge]);
-        // Members without any area weigh alike.
-        let mean = |k: usize| if sum[0] > 0.0 { sum[k + 1] / sum[0] } else { even[k] / size };
-        hulls.ground.push(mean(0));
-        hulls.height.push(mean(1));
-        sums.push(sum);
-        plain.push(even);
-    }
-    if height == Height::Median {
-        medians(&mut hulls.height, tree, &built.own, &above);
-    }
-    let areas: Vec<f64> = (0..hulls.len())
-        .into_par_iter()
-        .map_init(Vec::new, |points, i| {
-            points.clear();
-            points.extend(hulls.points(i));
-            ring::doubled_area(points) as f64
-        })
-        .collect();
-    hulls.negative_space_m2 = areas.iter().zip(&built.union).map(|(a, b)| (a - b).max(0.0) / 2e6).collect();
-    hulls.area_m2 = areas.iter().map(|a| a / 2e6).collect();
-}
-
-/// Area-weighted medians: the leaves of every cluster sorted by height, by merging its children's.
-fn medians(out: &mut [f64], tree: &Dendrogram, weight: &[f64], height: &[f64]) {
-    let (mut sorted, first) = tree.leaf_order();
-    let n = sorted.len();
-    let mut buffer: Vec<u32> = Vec::new();
-    for (merge, (&l, &r)) in tree.left.iter().zip(&tree.right).enumerate() {
-        let from = first[l as usize] as usize;
-        let middle = first[r as usize] as usize;
-        let to = from + tree.size[merge] as usize;
-        buffer.clear();
-        let (mut i, mut j) = (from, middle);
-        while i < middle || j < to {
-            let left = j == to || (i < middle && height[sorted[i] as usize] <= height[sorted[j] as usize]);
-            buffer.push(sorted[if left { i } else { j }]);
-            if left { i += 1 } else { j += 1 }
-        }
-        sorted[from..to].copy_from_slice(&buffer);
-        let total: f64 = buffer.iter().map(|&b| weight[b as usize]).sum();
-        let weigh = |b: u32| if total > 0.0 { weight[b as usize] } else { 1.0 };
-        let half = if total > 0.0 { total } else { buffer.len() as f64 } / 2.0;
-        let mut below = 0.0;
-        for &b in &buffer {
-            below += weigh(b);
-            if below >= half {
-                out[n + merge] = height[b as usize];
-                break;
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::leaves::{NO_AREA, clean};
     use super::*;
     use crate::artifact::{Attributes, Shapes, Strings};
     use crate::geom::frame::Frame;
     use crate::geom::ring::{contains, convex_hull, doubled_area};
+    use crate::geom::segments::is_simple;
+    use crate::geom::union_area::Polygon;
+    use crate::geom::{Point, outer_hull, ring};
 
     /// Buildings of one ring each, as high as their number.
     fn town(shells: &[Vec<Point>]) -> Footprints {
