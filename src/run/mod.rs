@@ -7,6 +7,7 @@
 pub mod codec;
 pub mod event;
 pub mod executor;
+mod folder;
 pub mod forecast;
 pub mod key;
 pub mod last;

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use super::folder::open;
 use super::pack::{self, What};
 use super::record::Record;
-use super::store::{Store, open};
+use super::store::Store;
 use super::{last, plan, publish, stamp};
 use crate::digest::Digest;
 
