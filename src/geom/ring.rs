@@ -4,11 +4,13 @@ use super::Point;
 use super::predicates::{on_segment, orient, segments_cross};
 use super::segments::{Segment, edges, near_pairs};
 
-/// Twice the signed area: positive for counter-clockwise. Exact.
+/// Twice the signed area: positive for counter-clockwise. Exact; only a ring that winds several times around the whole
+/// plane has more than fits, and gets the most that does.
 pub fn doubled_area(ring: &[Point]) -> i64 {
     // Relative to the first point, so that every product is of differences.
     let Some((&first, rest)) = ring.split_first() else { return 0 };
-    rest.windows(2).map(|w| orient(first, w[0], w[1])).sum()
+    let sum: i128 = rest.windows(2).map(|w| i128::from(orient(first, w[0], w[1]))).sum();
+    sum.clamp((-i64::MAX).into(), i64::MAX.into()) as i64
 }
 
 /// Area in square metres, positive for counter-clockwise.
@@ -142,6 +144,12 @@ mod tests {
         assert_eq!(area_m2(&[[0, 0], [2000, 0], [2000, 1000], [0, 1000]]), 2.0);
         assert_eq!(area_m2(&[[0, 0], [0, 1000], [2000, 1000], [2000, 0]]), -2.0);
         assert_eq!(doubled_area(&[]), 0);
+        let far = (1 << 29) - 1;
+        let mut wound = [[-far, -far], [far, -far], [far, far], [-far, far]].repeat(5);
+        assert_eq!(doubled_area(&wound[..4]), 8 * i64::from(far).pow(2));
+        assert_eq!(doubled_area(&wound), i64::MAX);
+        wound.reverse();
+        assert_eq!(doubled_area(&wound), -i64::MAX);
     }
 
     #[test]
