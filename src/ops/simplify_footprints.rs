@@ -1,6 +1,7 @@
 //! Simpler outlines for any polygon layer: shells only grow, courtyards only shrink.
 //!
-//! In, out: footprints; ids, heights and attributes stay. Vertices are some of the input's.
+//! In:     footprints.
+//! Out:    footprints; ids, heights and attributes stay. Vertices are some of the input's.
 //! Rules:  of every ring the vertex goes whose removal adds the least area to the building (a concave one of a
 //!         shell, a convex one of a courtyard), never making the ring touch itself; so a shell contains what it was,
 //!         a courtyard lies in what it was, and rings of one polygon that did not cross cannot begin to. Polygons do
@@ -8,6 +9,7 @@
 //!         would add more than `max-area`, or bring all steps above `max-area-ratio` of the ring's own first area.
 //!         A courtyard of at most `max-area` is filled. Vertices on a straight line always go. Ties: first vertex.
 //!         A ring that crosses or touches itself is kept as it is, and reported by id.
+//! Errors: none of `max-edges`, `max-area-ratio`, `max-area` is given.
 //! Cost:   O(m log m) for m vertices, parallel over features.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 6.
 
