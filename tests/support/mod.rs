@@ -1,0 +1,102 @@
+//! What the tests of whole runs share: the binary in a folder of its own, and the files that it published.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// The project's folder.
+pub fn project() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Real data, or none after a printed line.
+pub fn real_data() -> Option<PathBuf> {
+    match std::env::var_os("LODGE_DATA") {
+        Some(dir) => Some(std::path::absolute(dir).unwrap()),
+        None => {
+            println!("skipped: LODGE_DATA is not set");
+            None
+        }
+    }
+}
+
+/// A folder with a cache and outputs of its own.
+pub struct Place {
+    pub dir: tempfile::TempDir,
+}
+
+impl Place {
+    pub fn new() -> Self {
+        Self { dir: tempfile::tempdir().unwrap() }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    /// Runs the binary here; the cache is `cache/`, outputs go to `out/`.
+    pub fn lodge<S: AsRef<std::ffi::OsStr>>(&self, args: &[S]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_lodge"))
+            .current_dir(self.dir.path())
+            .env("LODGE_CACHE", self.path("cache"))
+            .arg("--out")
+            .arg(self.path("out"))
+            .args(args)
+            .output()
+            .unwrap()
+    }
+
+    /// The same, which must succeed, with `--json`: the object that it prints.
+    pub fn lodge_json(&self, args: &[&str]) -> Value {
+        let mut all = vec!["--json"];
+        all.extend(args);
+        let done = self.lodge(&all);
+        assert!(
+            done.status.success(),
+            "lodge {args:?}: {}\n{}{}",
+            done.status,
+            String::from_utf8_lossy(&done.stdout),
+            String::from_utf8_lossy(&done.stderr)
+        );
+        serde_json::from_slice(&done.stdout).expect("one JSON object on standard output")
+    }
+
+    /// Every file below `out/`, with the digest of its bytes.
+    pub fn published(&self) -> BTreeMap<String, String> {
+        let mut all = BTreeMap::new();
+        let root = self.path("out");
+        walk(&root, &root, &mut all);
+        all
+    }
+}
+
+fn walk(root: &Path, dir: &Path, all: &mut BTreeMap<String, String>) {
+    let Ok(entries) = std::fs::read_dir(dir) else { return };
+    for entry in entries {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            walk(root, &path, all);
+        } else {
+            let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_string();
+            // What lodge keeps for itself beside its outputs is not an output.
+            if !name.split('/').any(|part| part.starts_with('.')) {
+                all.insert(name, lodge::digest::Digest::of(&std::fs::read(&path).unwrap()).to_string());
+            }
+        }
+    }
+}
+
+/// Node by name in what `run --json` printed.
+pub fn node<'a>(run: &'a Value, name: &str) -> &'a Value {
+    run["nodes"].as_array().unwrap().iter().find(|n| n["name"] == name).unwrap_or_else(|| panic!("no node {name}"))
+}
