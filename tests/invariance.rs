@@ -53,11 +53,11 @@ fn threads_folders_and_the_order_of_features_change_no_byte() {
 
     // Another order: by a multiplier that visits every line once. Equal ids keep their order: the second one of two
     // is rejected, whichever comes first.
-    let n = town.len();
-    let step = (n / 3..).find(|s| gcd(*s, n) == 1).unwrap();
     let mut seen = std::collections::BTreeSet::new();
     let unique: Vec<Value> = town.into_iter().filter(|f| seen.insert(f["id"].to_string())).collect();
-    let shuffled: Vec<Value> = (0..unique.len()).map(|i| unique[i * step % unique.len()].clone()).collect();
+    let n = unique.len();
+    let step = (n / 3..).find(|s| gcd(*s, n) == 1).unwrap();
+    let shuffled: Vec<Value> = (0..n).map(|i| unique[i * step % n].clone()).collect();
     let (straight, mixed) = (Place::new(), Place::new());
     let a = straight.write("town.geojson", collection(&unique));
     let b = mixed.write("town.geojson", collection(&shuffled));
@@ -138,9 +138,17 @@ fn turned_and_moved_the_answers_stay() {
         let relative = (of(&a) - of(&c)).abs() / of(&a).abs().max(1.0);
         assert!(relative < 1e-9, "{key}, turned: {} and {}", of(&a), of(&c));
     }
+    let summary = |run: &Value, key: &str| {
+        let mut value = node(run, "tiles")["summary"][key].clone();
+        // `closed` is a share of sampled street points, and the sampling grid does not turn with the town.
+        for level in value.as_array_mut().into_iter().flatten() {
+            level.as_object_mut().unwrap().remove("closed");
+        }
+        value
+    };
     for key in ["tiles", "features", "root_error_m", "levels"] {
         assert_eq!(node(&a, "tiles")["summary"][key], node(&b, "tiles")["summary"][key], "{key}, moved");
-        assert_eq!(node(&a, "tiles")["summary"][key], node(&c, "tiles")["summary"][key], "{key}, turned");
+        assert_eq!(summary(&a, key), summary(&c, key), "{key}, turned");
     }
     // Moved by whole kilometres only the place on the globe differs: as many files, as many tiles.
     assert_eq!(place_a.published().len(), place_b.published().len());

@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use super::engine::{self, Place};
 use super::{Globals, Outcome, Stop, Target};
-use crate::artifact::{AnyArtifact, Artifact, Dendrogram, Landmarks, Mesh};
+use crate::artifact::{AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Landmarks, Lines, Mesh};
 use crate::diag::{Diagnostic, Note, Result};
-use crate::io::{csv, gltf};
+use crate::io::{cityjson, csv, geojson, gltf, svg};
 use crate::run::executor::decode;
 use crate::run::record::Record;
 use crate::run::store::Store;
@@ -45,8 +45,15 @@ macro_rules! formats {
 }
 
 formats! {
+    Buildings ".city.jsonl" cityjson::buildings,
     Dendrogram ".csv" csv::dendrogram,
+    Footprints ".geojson" geojson::footprints,
+    Footprints ".svg" svg::footprints,
+    Hulls ".geojson" geojson::hulls,
+    Hulls ".svg" svg::hulls,
     Landmarks ".csv" csv::landmarks,
+    Lines ".geojson" geojson::lines,
+    Lines ".svg" svg::lines,
     Mesh ".glb" gltf::mesh,
 }
 

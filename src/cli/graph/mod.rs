@@ -46,7 +46,7 @@ impl Args {
                 _ => Format::Mermaid,
             }
         });
-        let drawing = Drawing::of(&graph, self.variants, &state::of(&graph, globals));
+        let drawing = Drawing::of(&graph, self.variants, &state::of(&graph, globals, &self.target.file));
         let text = match format {
             Format::Mermaid => drawing.mermaid(),
             Format::Dot => drawing.dot(),
@@ -77,11 +77,29 @@ pub struct Mark {
 }
 
 mod state {
-    use super::{Globals, Graph, Mark};
+    use std::path::Path;
 
-    /// A mark for each node.
-    pub fn of(graph: &Graph, _globals: &Globals) -> Vec<Mark> {
-        vec![Mark::default(); graph.nodes.len()]
+    use super::{Globals, Graph, Mark};
+    use crate::cli::engine::{Place, store};
+    use crate::run::forecast::{Fate, forecast};
+
+    /// A mark for each node; empty ones where there is no cache yet (drawing makes none).
+    pub fn of(graph: &Graph, globals: &Globals, file: &Path) -> Vec<Mark> {
+        let mut marks = vec![Mark::default(); graph.nodes.len()];
+        let place = Place::of(globals, file);
+        if !place.cache.is_dir() {
+            return marks;
+        }
+        let Ok(store) = store(&place) else { return marks };
+        for f in forecast(graph, &[], &store) {
+            marks[f.index] = match f.fate {
+                Fate::Cached(record) => Mark { state: "cached", seconds: Some(record.seconds) },
+                Fate::Runs => Mark { state: "run", seconds: None },
+                Fate::MayRun(_) => Mark { state: "may-run", seconds: None },
+                Fate::Fails(_) => Mark::default(),
+            };
+        }
+        marks
     }
 }
 
