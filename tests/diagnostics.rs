@@ -15,7 +15,7 @@ fn corpus() -> Vec<PathBuf> {
     all
 }
 
-fn load(file: &Path) -> Result<Graph, Vec<Box<lodge::diag::Diagnostic>>> {
+fn load(file: &Path) -> Result<Graph, lodge::diag::Diagnostics> {
     let text = String::from_utf8(std::fs::read(file).unwrap()).unwrap();
     let sets: Vec<_> = text.lines().filter_map(|l| l.strip_prefix("# set: ")).map(String::from).collect();
     Graph::load(file, &sets, &toys::TOYS)

@@ -13,7 +13,10 @@ fn features(text: &str) -> Vec<Value> {
     let lines = text.lines().map(|l| l.trim().trim_end_matches(','));
     lines
         .filter(|l| l.starts_with(r#"{"type":"Feature","#))
-        .map(|l| serde_json::from_str(l.strip_suffix("]}").filter(|s| serde_json::from_str::<Value>(s).is_ok()).unwrap_or(l)).unwrap())
+        .map(|l| {
+            serde_json::from_str(l.strip_suffix("]}").filter(|s| serde_json::from_str::<Value>(s).is_ok()).unwrap_or(l))
+                .unwrap()
+        })
         .collect()
 }
 
@@ -166,8 +169,7 @@ fn a_small_edit_of_a_real_city_changes_few_files() {
     let contents = |features: &[Value]| {
         let place = Place::new();
         let path = place.path("city.geojson.gz");
-        let mut out =
-            flate2::write::GzEncoder::new(std::fs::File::create(&path).unwrap(), flate2::Compression::fast());
+        let mut out = flate2::write::GzEncoder::new(std::fs::File::create(&path).unwrap(), flate2::Compression::fast());
         out.write_all(collection(features).as_bytes()).unwrap();
         out.finish().unwrap();
         let run = run_city(&place, path.to_str().unwrap(), &[]);

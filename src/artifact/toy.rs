@@ -64,7 +64,7 @@ fn footprints(numbers: &[u64], seed: u64) -> Footprints {
         }
         polygons.end_polygon();
         polygons.end_shape();
-        let storeys = if (h >> 48) % 4 == 0 { 6 + (h >> 52) % 40 } else { 2 + (h >> 52) % 3 };
+        let storeys = if (h >> 48).is_multiple_of(4) { 6 + (h >> 52) % 40 } else { 2 + (h >> 52) % 3 };
         base.push((h >> 40) as f64 % 4.0);
         top.push(base[base.len() - 1] + storeys as f64 * 3.0);
         floors.push(storeys as u32);

@@ -277,7 +277,7 @@ fn bytes(text: &str) -> Result<u64, String> {
     };
     let number: f64 = number.trim().parse().map_err(|_| "expected a number of bytes, as 512M".to_string())?;
     let bytes = number * unit as f64;
-    if bytes >= 1.0 && bytes < 1e18 { Ok(bytes as u64) } else { Err("expected a number of bytes, as 512M".to_string()) }
+    if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err("expected a number of bytes, as 512M".to_string()) }
 }
 
 #[cfg(test)]

@@ -73,8 +73,7 @@ impl Crs {
         if !(prefix.is_empty() || prefix.contains("EPSG")) {
             return Err(unknown());
         }
-        let compound =
-            upper.matches(|c| c == ',' || c == '+').count() > usize::from(upper.starts_with("URN:OGC:DEF:CRS,"));
+        let compound = upper.matches([',', '+']).count() > usize::from(upper.starts_with("URN:OGC:DEF:CRS,"));
         let code: u16 = digits.parse().map_err(|_| unknown())?;
         let def = crs_definitions::from_code(code).ok_or_else(unknown)?;
         let name = if compound { format!("EPSG:{}", numbers(&upper)) } else { format!("EPSG:{code}") };

@@ -205,7 +205,7 @@ impl<'a> Faces<'a> {
         let row = grid.row(y);
         let mut best: Option<(Hit, u32)> = None;
         for column in (0..=grid.column(i64::from(p[0])).min(grid.last_column())).rev() {
-            let Some(cell) = grid.cell(column, row) else { return None };
+            let cell = grid.cell(column, row)?;
             for &i in self.segments.in_cell(cell) {
                 let [a, b] = upwards(self.segments.all[i as usize]);
                 if a[1] <= p[1] && p[1] < b[1] && orient(a, b, p) < 0 {

@@ -262,7 +262,7 @@ mod tests {
         assert_eq!(grid([536_870.912, 0.0]), None);
         assert_eq!(grid([-536_870.911, 0.0]), Some([-536_870_911, 0]));
         assert_eq!(grid([-536_870.912, 0.0]), None);
-        assert_eq!(grid([-536_870.9118, 0.0]), None);
+        assert_eq!(grid([-536_870.911_8, 0.0]), None);
         assert_eq!(grid([f64::NAN, 0.0]), None);
         assert_eq!(grid([-0.0005, -0.0006]), Some([0, -1]));
     }

@@ -192,7 +192,12 @@ impl<S: Sites> Query<'_, S> {
             return false;
         }
         let (forest, size) = (self.forest, self.own_size);
-        self.askers.iter_mut().fold(true, |all, asker| asker.passes(forest, size, node) && all)
+        let mut all = true;
+        // Everyone is asked: each notes what it saw.
+        for asker in self.askers.iter_mut() {
+            all &= asker.passes(forest, size, node);
+        }
+        all
     }
 
     fn scan(&mut self, leaf: usize) {

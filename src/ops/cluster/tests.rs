@@ -43,7 +43,7 @@ fn brute_force(ids: &Strings, distance: impl Fn(usize, usize) -> (f64, bool)) ->
         let sizes: Vec<usize> = clusters.iter().map(|c| c.2.len()).filter(|&s| s > 1).collect();
         let avg = if sizes.is_empty() { 1.0 } else { sizes.iter().sum::<usize>() as f64 / sizes.len() as f64 };
         let cb = clusters.remove(b);
-        let ca = std::mem::replace(&mut clusters[a], (0, 0, Vec::new()));
+        let ca = std::mem::take(&mut clusters[a]);
         let (left, right) = if ca.1 < cb.1 { (ca, cb) } else { (cb, ca) };
         out.left.push(left.0);
         out.right.push(right.0);

@@ -93,7 +93,7 @@ impl Street {
         // So many points in each of these cells, or one in every so manyth.
         let each = (TRIED / occupied.len()).max(1);
         let every = (occupied.len() / TRIED).max(1);
-        let tried: Vec<usize> = occupied.into_iter().filter(|&c| mix(c as u64) % every as u64 == 0).collect();
+        let tried: Vec<usize> = occupied.into_iter().filter(|&c| mix(c as u64).is_multiple_of(every as u64)).collect();
         let found: Vec<(usize, Point)> = tried
             .into_par_iter()
             .flat_map_iter(|c| {

@@ -395,9 +395,9 @@ fn leaves_and_landmarks_keep_the_highest_level_of_detail() {
     for t in 0..tree.len() {
         for f in tree.features_of(t) {
             let solid = !tree.solids.polygons_of(f).is_empty();
-            assert!(solid != !tree.plans.polygons_of(f).is_empty(), "one or the other");
+            assert!(solid == tree.plans.polygons_of(f).is_empty(), "one or the other");
             if tree.is_leaf[t] {
-                let even = toy.landmarks.order[tree.feature_first[f] as usize] % 2 == 0;
+                let even = toy.landmarks.order[tree.feature_first[f] as usize].is_multiple_of(2);
                 assert_eq!(solid, even);
             }
             solid_landmarks += usize::from(solid && tree.landmark[f]);
