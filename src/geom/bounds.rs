@@ -1,4 +1,4 @@
-//! Boxes of points, and how large a thin box can look.
+//! Boxes of points: joined, apart, and how large a thin one can look.
 
 use super::Point;
 
@@ -23,6 +23,13 @@ impl Bounds {
         }
     }
 
+    pub fn join(&self, other: &Self) -> Self {
+        Self {
+            low: [self.low[0].min(other.low[0]), self.low[1].min(other.low[1])],
+            high: [self.high[0].max(other.high[0]), self.high[1].max(other.high[1])],
+        }
+    }
+
     pub fn is_empty(&self) -> bool {
         self.low[0] > self.high[0]
     }
@@ -37,6 +44,20 @@ impl Bounds {
             return [0.0; 2];
         }
         [0, 1].map(|k| (i64::from(self.high[k]) - i64::from(self.low[k])) as f64 / 1000.0)
+    }
+
+    /// Squared distance to a point: exact in `i64`, then rounded once.
+    #[inline]
+    pub fn square_to_point(&self, p: Point) -> f64 {
+        self.square_to(&Self { low: p, high: p })
+    }
+
+    /// Squared distance to another box, 0 where they meet: exact in `i64`, then rounded once.
+    #[inline]
+    pub fn square_to(&self, other: &Self) -> f64 {
+        let gap = |k: usize| i64::from((self.low[k] - other.high[k]).max(other.low[k] - self.high[k]).max(0));
+        let (dx, dy) = (gap(0), gap(1));
+        (dx * dx + dy * dy) as f64
     }
 }
 
@@ -64,6 +85,17 @@ mod tests {
         assert_eq!(b.sides(), [3.0, 1.0]);
         assert!(b.contains([3000, 999]) && !b.contains([3001, 0]));
         assert_eq!(Bounds::of([]).sides(), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn distances_between_boxes() {
+        let unit = Bounds::of([[0, 0], [1, 1]]);
+        assert_eq!(unit.square_to(&Bounds::of([[4, 5], [9, 9]])), 25.0);
+        assert_eq!(unit.square_to(&Bounds::of([[1, 1]])), 0.0);
+        assert_eq!(unit.square_to_point([-3, 0]), 9.0);
+        let l = crate::geom::LIMIT_MM;
+        let far = Bounds::of([[l, l]]).square_to_point([-l, -l]);
+        assert_eq!(far, 2.0 * (2.0 * f64::from(l)) * (2.0 * f64::from(l)));
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //! coordinates: crossings are compared as fractions along the segments.
 
 use super::Point;
+use super::bounds::Bounds;
 use super::gap::to_segment;
-use super::nearest::Bounds;
 use super::predicates::{on_segment, orient, segments_meet};
 use super::segment_grid::SegmentGrid;
 

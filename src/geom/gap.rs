@@ -1,7 +1,7 @@
 //! The smallest gap between two buildings' outlines.
 
 use super::Point;
-use super::nearest::Bounds;
+use super::bounds::Bounds;
 use super::predicates::segments_meet;
 use super::ring::{Side, side};
 

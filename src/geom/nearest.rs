@@ -1,43 +1,7 @@
 //! A balanced k-d tree: the places of points (or boxes) in memory so that neighbours lie together, and a box around
 //! every node. Searches are their owners' business: they keep what else a node must know beside its box.
 
-use super::Point;
-
-/// The smallest box around something.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bounds {
-    pub low: Point,
-    pub high: Point,
-}
-
-impl Bounds {
-    pub const EMPTY: Self = Self { low: [i32::MAX; 2], high: [i32::MIN; 2] };
-
-    pub fn of(points: impl IntoIterator<Item = Point>) -> Self {
-        points.into_iter().fold(Self::EMPTY, |all, p| all.join(&Self { low: p, high: p }))
-    }
-
-    pub fn join(&self, other: &Self) -> Self {
-        Self {
-            low: [self.low[0].min(other.low[0]), self.low[1].min(other.low[1])],
-            high: [self.high[0].max(other.high[0]), self.high[1].max(other.high[1])],
-        }
-    }
-
-    /// Squared distance to a point: exact in `i64`, then rounded once.
-    #[inline]
-    pub fn square_to_point(&self, p: Point) -> f64 {
-        self.square_to(&Self { low: p, high: p })
-    }
-
-    /// Squared distance to another box, 0 where they meet: exact in `i64`, then rounded once.
-    #[inline]
-    pub fn square_to(&self, other: &Self) -> f64 {
-        let gap = |k: usize| i64::from((self.low[k] - other.high[k]).max(other.low[k] - self.high[k]).max(0));
-        let (dx, dy) = (gap(0), gap(1));
-        (dx * dx + dy * dy) as f64
-    }
-}
+use super::bounds::Bounds;
 
 /// Leaves hold four to eight places each. Nodes are numbered as in a heap: 1 is the root, `i`'s children are `2 i`
 /// and `2 i + 1`, leaf `k` is node `leaves + k`.
@@ -132,16 +96,5 @@ mod tests {
                 assert!(tree.places(k).all(|p| tree.leaf_of(p) == tree.leaves + k));
             }
         }
-    }
-
-    #[test]
-    fn distances_between_boxes() {
-        let unit = Bounds::of([[0, 0], [1, 1]]);
-        assert_eq!(unit.square_to(&Bounds::of([[4, 5], [9, 9]])), 25.0);
-        assert_eq!(unit.square_to(&Bounds::of([[1, 1]])), 0.0);
-        assert_eq!(unit.square_to_point([-3, 0]), 9.0);
-        let l = crate::geom::LIMIT_MM;
-        let far = Bounds::of([[l, l]]).square_to_point([-l, -l]);
-        assert_eq!(far, 2.0 * (2.0 * f64::from(l)) * (2.0 * f64::from(l)));
     }
 }

@@ -1,7 +1,7 @@
 //! Many segments in a grid: which of them does a segment meet?
 
 use super::Point;
-use super::nearest::Bounds;
+use super::bounds::Bounds;
 use super::predicates::segments_meet;
 
 /// Closed segments, each listed in every cell that it may pass.

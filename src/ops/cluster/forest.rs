@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use super::join::{Merge, Sites};
-use crate::geom::nearest::{Bounds, Tree};
+use crate::geom::bounds::Bounds;
+use crate::geom::nearest::Tree;
 
 pub const NONE: u32 = u32::MAX;
 

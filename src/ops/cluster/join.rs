@@ -15,7 +15,8 @@ use std::sync::atomic::Ordering::Relaxed;
 use rayon::prelude::*;
 
 use super::forest::{Forest, NONE, Nearest};
-use crate::geom::nearest::{Bounds, Tree};
+use crate::geom::bounds::Bounds;
+use crate::geom::nearest::Tree;
 
 /// Things with a distance, 0..n in the order of a tree's places.
 pub trait Sites: Sync {

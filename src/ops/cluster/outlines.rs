@@ -3,9 +3,10 @@
 use super::join::Sites;
 use crate::artifact::Shapes;
 use crate::geom::Point;
+use crate::geom::bounds::Bounds;
 use crate::geom::faces::Faces;
 use crate::geom::gap::{gap, shortest};
-use crate::geom::nearest::{Bounds, Tree};
+use crate::geom::nearest::Tree;
 use crate::geom::segment_grid::SegmentGrid;
 
 /// The shells of one building.

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use super::join::Sites;
 use crate::artifact::Shapes;
 use crate::geom::Point;
-use crate::geom::nearest::{Bounds, Tree};
+use crate::geom::bounds::Bounds;
+use crate::geom::nearest::Tree;
 use crate::geom::segment_grid::SegmentGrid;
 
 /// Centres in the order of a tree's places.

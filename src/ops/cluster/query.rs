@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use super::forest::{Forest, NONE, Near, Node, cost};
 use super::join::Sites;
-use crate::geom::nearest::Bounds;
+use crate::geom::bounds::Bounds;
 
 /// Relative slack where two ways of rounding meet. A few roundings make 1e-15.
 pub const SLACK: f64 = 1e-12;

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use super::forest::{Forest, NONE, Near, Nearest, cost};
 use super::join::Sites;
 use super::query::{Asker, BEYOND, Found, Probe, Query, SLACK};
-use crate::geom::nearest::Bounds;
+use crate::geom::bounds::Bounds;
 
 impl<S: Sites> Forest<'_, S> {
     pub fn search(&self, c: usize) -> Nearest {

@@ -138,7 +138,7 @@ fn equals_brute_force() {
 /// Barriers as random segments, a street grid, and a comb of dead ends.
 fn barriers(seed: u64, centres: &[Point]) -> Vec<Vec<[Point; 2]>> {
     let mut dice = Dice(seed);
-    let all = crate::geom::nearest::Bounds::of(centres.iter().copied());
+    let all = crate::geom::bounds::Bounds::of(centres.iter().copied());
     let size = [(all.high[0] - all.low[0]).max(4), (all.high[1] - all.low[1]).max(4)];
     let mut random = || [all.low[0] + dice.below(size[0]), all.low[1] + dice.below(size[1])];
     let few = (0..6).map(|_| [random(), random()]).collect();
