@@ -21,7 +21,8 @@ struct Turned {
 /// around it, and the area that both share (m2). The region is the rings' signed sum: shells turn left, holes right.
 /// None where the region has no area.
 pub fn rectangle(rings: &[&[Point]]) -> Option<([Point; 4], f64)> {
-    let area = rings.iter().map(|r| doubled_area(r)).sum::<i64>() as f64 / 2e6;
+    // One ring's fits, but parts may lie over each other.
+    let area = rings.iter().map(|r| i128::from(doubled_area(r))).sum::<i128>() as f64 / 2e6;
     let hull = match rings {
         [one] => convex_hull(one),
         _ => convex_hull(&rings.concat()),
@@ -150,6 +151,10 @@ mod tests {
         assert!(form.iter().all(|p| ring.contains(p)));
         assert!(rectangle(&[&[[0, 0], [5, 5], [9, 9]]]).is_none());
         assert!(rectangle(&[]).is_none());
+        // Parts that cover the whole plane, one over the other.
+        let l = crate::geom::LIMIT_MM;
+        let all: &[Point] = &[[-l, -l], [l, -l], [l, l], [-l, l]];
+        assert!(rectangle(&[all; 5]).is_some_and(|(_, shared)| shared > 4.9 * 1.07e6 * 1.07e6));
     }
 
     #[test]
