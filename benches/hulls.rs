@@ -1,4 +1,4 @@
-//! merge-hulls and simplify-polyline on real cities, against the yardstick T (gunzip and typed parse, one thread).
+//! merge-hulls and simplify-polyline on real cities, against the yardstick T (see `support`).
 //!
 //!     LODGE_DATA=.. cargo bench --bench hulls [-- FILE..]
 //!
@@ -6,7 +6,8 @@
 //! seconds (in brackets), the best of three. With `LODGE_RINGS=folder` the root ring of `merge = "source"` is
 //! written to `folder/<name>.csv`; `-- --ring FILE COUNT..` simplifies such a ring (for `geos_hull.py`).
 
-use std::io::Read;
+mod support;
+
 use std::time::Instant;
 
 use lodge::artifact::{Dendrogram, Hulls};
@@ -48,8 +49,9 @@ fn measure(name: &str, bytes: &[u8]) {
     let tree: Dendrogram = Cluster::default().run(&bench.ctx(), Inputs::take(given)).unwrap();
     println!("{name}: {} buildings, {} vertices", footprints.len(), footprints.polygons.points.len());
 
-    let t = yardstick(bytes);
-    println!("  T {t:.3}");
+    let (t, t_cpu) = support::yardstick().expect("LODGE_DATA is set");
+    let t = (t.as_secs_f64(), t_cpu.as_secs_f64());
+    println!("  T {:.3} ({:.3})", t.0, t.1);
     let simplified = MergeHulls::default();
     let source = MergeHulls { merge: Merge::Source, ..MergeHulls::default() };
     for threads in [1, 2] {
@@ -71,38 +73,6 @@ fn measure(name: &str, bytes: &[u8]) {
     }
 }
 
-/// Wall and processor seconds of gunzip and a typed parse, line by line.
-fn yardstick(bytes: &[u8]) -> f64 {
-    #[derive(serde::Deserialize)]
-    struct Line {
-        #[allow(dead_code)]
-        geometry: Geometry,
-    }
-    #[derive(serde::Deserialize)]
-    #[serde(tag = "type", content = "coordinates")]
-    #[allow(dead_code)]
-    enum Geometry {
-        Polygon(Vec<Vec<[f64; 2]>>),
-        MultiPolygon(Vec<Vec<Vec<[f64; 2]>>>),
-        LineString(Vec<[f64; 2]>),
-        MultiLineString(Vec<Vec<[f64; 2]>>),
-        Point([f64; 2]),
-    }
-    let mut best = f64::INFINITY;
-    for _ in 0..3 {
-        let from = processor();
-        let mut text = String::new();
-        flate2::read::MultiGzDecoder::new(bytes).read_to_string(&mut text).unwrap();
-        let parsed = text
-            .lines()
-            .filter_map(|l| serde_json::from_str::<Line>(l.trim_end_matches("]}").trim_end_matches(',')).ok())
-            .count();
-        std::hint::black_box(parsed);
-        best = best.min(processor() - from);
-    }
-    best
-}
-
 /// Seconds that this process has computed, all threads.
 fn processor() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
@@ -110,7 +80,7 @@ fn processor() -> f64 {
     fields.get(12).copied().unwrap_or(0.0) / 100.0 + fields.get(13).copied().unwrap_or(0.0) / 100.0
 }
 
-fn timed<R: Send>(what: &str, threads: usize, t: f64, work: impl Fn() -> R + Sync) -> R {
+fn timed<R: Send>(what: &str, threads: usize, t: (f64, f64), work: impl Fn() -> R + Sync) -> R {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut best = (f64::INFINITY, f64::INFINITY);
     let mut out = None;
@@ -119,7 +89,13 @@ fn timed<R: Send>(what: &str, threads: usize, t: f64, work: impl Fn() -> R + Syn
         out = Some(pool.install(&work));
         best = (best.0.min(wall.elapsed().as_secs_f64()), best.1.min(processor() - cpu));
     }
-    println!("  {what}, {threads} threads: {:.3} s ({:.2}) = {:.1} T ({:.1})", best.0, best.1, best.0 / t, best.1 / t);
+    println!(
+        "  {what}, {threads} threads: {:.3} s ({:.2}) = {:.1} T ({:.1})",
+        best.0,
+        best.1,
+        best.0 / t.0,
+        best.1 / t.1
+    );
     out.unwrap()
 }
 
