@@ -1,6 +1,6 @@
 //! The clusters while they grow: members in ascending lists, and a summary of them in every node of the tree.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
@@ -57,10 +57,11 @@ pub struct Forest<'a, S: Sites> {
     pub members: Vec<Member>,
     pub near: Vec<[AtomicU64; 2]>,
     pub nearest: Vec<[AtomicU64; 2]>,
+    stop: &'a AtomicBool,
 }
 
 impl<'a, S: Sites> Forest<'a, S> {
-    pub fn new(sites: &'a S, tree: &'a Tree, ranks: &[u32], together: Option<&[u32]>) -> Self {
+    pub fn new(sites: &'a S, tree: &'a Tree, ranks: &[u32], together: Option<&[u32]>, stop: &'a AtomicBool) -> Self {
         let n = sites.len();
         let member = |i: usize, rank: u32| Member {
             of: AtomicU32::new(i as u32),
@@ -76,6 +77,7 @@ impl<'a, S: Sites> Forest<'a, S> {
             members: ranks.iter().enumerate().map(|(i, &r)| member(i, r)).collect(),
             near: (0..n).map(pair).collect(),
             nearest: (0..n).map(pair).collect(),
+            stop,
         };
         if let Some(together) = together {
             let mut sorted: Vec<(u32, u32)> = together.iter().zip(0..).map(|(&t, i)| (t, i)).collect();
@@ -102,6 +104,11 @@ impl<'a, S: Sites> Forest<'a, S> {
         }
         out.refresh();
         out
+    }
+
+    /// True once nobody waits for the merges any more.
+    pub fn stopped(&self) -> bool {
+        self.stop.load(Relaxed)
     }
 
     pub fn heads(&self) -> Vec<u32> {

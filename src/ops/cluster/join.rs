@@ -10,6 +10,7 @@
 //! site, or a lower bound of what any may cost. Sizes only grow and the foreign sites only get fewer, so these never
 //! become too high, and most members are passed over by one comparison.
 
+use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
 use rayon::prelude::*;
@@ -55,13 +56,23 @@ const ROUNDS: usize = 33;
 
 /// Merges sites until none sees a foreign one, and returns the merges in no particular order, but always the same.
 ///
-/// `ranks` are distinct, one a site. Sites with the same entry in `together` begin as one cluster.
-pub fn join<S: Sites>(sites: &S, tree: &Tree, ranks: &[u32], together: Option<&[u32]>) -> Vec<Merge> {
-    let mut forest = Forest::new(sites, tree, ranks, together);
+/// `ranks` are distinct, one a site. Sites with the same entry in `together` begin as one cluster. Once `stop` is
+/// true, the merges so far.
+pub fn join<S: Sites>(
+    sites: &S,
+    tree: &Tree,
+    ranks: &[u32],
+    together: Option<&[u32]>,
+    stop: &AtomicBool,
+) -> Vec<Merge> {
+    let mut forest = Forest::new(sites, tree, ranks, together, stop);
     let mut merges = Vec::with_capacity(sites.len().saturating_sub(1));
     let mut live = forest.heads();
     while live.len() > 1 {
         let pairs = forest.mutual(&live);
+        if forest.stopped() {
+            return merges;
+        }
         let few = pairs.len() * ROUNDS < live.len();
         merges.par_extend(pairs.par_iter().map(|&[a, b]| forest.merge(a as usize, b as usize)));
         forest.refresh();
@@ -78,7 +89,9 @@ impl<S: Sites> Forest<'_, S> {
     /// All pairs of mutual nearest clusters, the first member's cluster first.
     fn mutual(&self, live: &[u32]) -> Vec<[u32; 2]> {
         live.par_iter().with_min_len(64).for_each(|&c| {
-            self.nearest_of(c as usize);
+            if !self.stopped() {
+                self.nearest_of(c as usize);
+            }
         });
         let partner = |c: u32| Nearest::load(&self.nearest[c as usize]).to;
         live.par_iter()
@@ -119,7 +132,7 @@ impl<S: Sites> Forest<'_, S> {
                 continue;
             }
             let mut at = start;
-            loop {
+            while !self.stopped() {
                 let nearest = self.nearest_of(at as usize).to;
                 if nearest == NONE {
                     // Sees nobody; so nobody leads here.

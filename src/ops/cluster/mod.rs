@@ -24,6 +24,8 @@ mod points;
 mod query;
 mod search;
 
+use std::sync::atomic::AtomicBool;
+
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -74,7 +76,7 @@ impl Op for Cluster {
     type In = In;
     type Out = Dendrogram;
 
-    fn run(&self, _ctx: &Ctx, input: In) -> Result<Dendrogram> {
+    fn run(&self, ctx: &Ctx, input: In) -> Result<Dendrogram> {
         let In { footprints, barriers } = input;
         let mut segments = Vec::new();
         for lines in &barriers {
@@ -91,13 +93,16 @@ impl Op for Cluster {
                 }
             }
         }
-        Ok(cluster(&footprints, segments, self))
+        let tree = cluster(&footprints, segments, self, ctx.stop);
+        ctx.check()?;
+        Ok(tree)
     }
 }
 
 /// The merge tree over the footprints, none of whose pairs link across a barrier's segments before all others have.
-pub fn cluster(footprints: &Footprints, barriers: Vec<[Point; 2]>, how: &Cluster) -> Dendrogram {
-    let ranking = Ranking::new(&footprints.ids);
+/// Once `stop` is true it ends soon, with only a part of the merges.
+pub fn cluster(footprints: &Footprints, barriers: Vec<[Point; 2]>, how: &Cluster, stop: &AtomicBool) -> Dendrogram {
+    let ranking = Ranking::new(&footprints.ids, stop);
     let floor = how.min_distance * 1000.0;
     let barriers = (!barriers.is_empty()).then(|| SegmentGrid::new(barriers));
     match how.distance {
@@ -141,7 +146,7 @@ fn link<S: Sites>(ranking: &Ranking, before: Option<&[Merge]>, sites: impl Fn(&[
         merges.iter().for_each(|m| groups.join(m.low, m.high));
         ranks.iter().map(|&rank| groups.root(rank)).collect::<Vec<u32>>()
     });
-    join::join(&sites, &tree, &ranks, together.as_deref())
+    join::join(&sites, &tree, &ranks, together.as_deref(), ranking.stop)
 }
 
 /// Merges what sees each other: buildings of one face only. Those without a face see nobody.
@@ -157,21 +162,23 @@ fn link_within<S: Sites>(
         let all: Vec<u32> = group.iter().map(|&(_, i)| i).collect();
         let (sites, tree) = sites(&all);
         let ranks: Vec<u32> = tree.order.iter().map(|&i| ranking.of[all[i as usize] as usize]).collect();
-        join::join(&sites, &tree, &ranks, None)
+        join::join(&sites, &tree, &ranks, None, ranking.stop)
     };
     groups.par_iter().map(merge).collect::<Vec<_>>().concat()
 }
 
 /// Who comes first where costs are equal.
-struct Ranking {
+struct Ranking<'a> {
     /// The rank of each building.
     of: Vec<u32>,
     /// The building of each rank.
     at: Vec<u32>,
+    /// True once nobody waits for the merges any more.
+    stop: &'a AtomicBool,
 }
 
-impl Ranking {
-    fn new(ids: &Strings) -> Self {
+impl<'a> Ranking<'a> {
+    fn new(ids: &Strings, stop: &'a AtomicBool) -> Self {
         let mut hashed: Vec<(u64, u32)> = (0..ids.len())
             .into_par_iter()
             .with_min_len(1024)
@@ -185,7 +192,7 @@ impl Ranking {
         let at: Vec<u32> = hashed.into_iter().map(|(_, i)| i).collect();
         let mut of = vec![0; at.len()];
         at.iter().zip(0..).for_each(|(&i, rank)| of[i as usize] = rank);
-        Self { of, at }
+        Self { of, at, stop }
     }
 }
 

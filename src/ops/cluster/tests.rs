@@ -10,10 +10,15 @@ use crate::geom::gap::gap;
 use crate::geom::predicates::segments_meet;
 use crate::op::Bench;
 
+fn cluster(footprints: &Footprints, barriers: Vec<[Point; 2]>, how: &Cluster) -> Dendrogram {
+    super::cluster(footprints, barriers, how, &AtomicBool::new(false))
+}
+
 /// The definition, O(n^3): of all pairs the first in (crosses, cost, ranks), again and again.
 fn brute_force(ids: &Strings, distance: impl Fn(usize, usize) -> (f64, bool)) -> Dendrogram {
     let n = ids.len();
-    let ranking = Ranking::new(ids);
+    let never = AtomicBool::new(false);
+    let ranking = Ranking::new(ids, &never);
     let pairs: Vec<(f64, bool)> = (0..n * n).map(|k| distance(k / n, k % n)).collect();
     let mut clusters: Vec<(u32, u32, Vec<usize>)> = (0..n).map(|i| (i as u32, ranking.of[i], vec![i])).collect();
     let mut out = Dendrogram { leaves: vec![n as u32], ..Dendrogram::default() };
