@@ -78,6 +78,12 @@ fn every_building_of_the_city_models() {
         let [_, accepted, rejected, _] = counts(&findings);
         assert_eq!((accepted, rejected), (buildings, 0), "{path}");
         assert_eq!(findings.facts["parts"], parts, "{path}");
+        // What has no place here is counted: of the parts' attributes, and beside the surfaces.
+        let left = |key: &str, name: &str| findings.facts.get(key).map_or(0, |all| all[name].as_u64().unwrap_or(0));
+        let edges = left("left_members", "semantics.on_footprint_edge");
+        assert_eq!(edges, if path.contains("3dbag_tile") { 6 * parts } else { 0 }, "{path}");
+        let heights = left("left_part_attributes", "measuredHeight");
+        assert_eq!(heights, if path.contains("vienna") { 102 } else { 0 }, "{path}");
         let mut found = std::collections::BTreeMap::<&str, u64>::new();
         out.lods.iter().for_each(|l| *found.entry(l).or_default() += 1);
         assert_eq!(found.into_iter().collect::<Vec<_>>(), lods, "{path}");

@@ -18,7 +18,18 @@ pub struct Ledger<'r> {
     first: Option<Note>,
 }
 
-/// What the counts mean, and a reader's own keys: M is 8 more than N.
+/// How much of an input must be left, and the largest share of it that may be rejected.
+#[derive(Clone, Copy, Debug)]
+pub enum Needed {
+    One { max_rejected: f64 },
+    None { max_rejected: f64 },
+}
+
+/// Own keys of readers that filter.
+pub const BY_WHERE: (&str, &str) = ("filtered_by_where", "filtered features, by `where`");
+pub const BY_TYPE: (&str, &str) = ("filtered_by_type", "filtered features of each type of geometry or object");
+
+/// What the counts mean, and a reader's own keys: M is 6 more than N.
 pub const fn facts<const N: usize, const M: usize>(
     own: [(&'static str, &'static str); N],
 ) -> [(&'static str, &'static str); M] {
@@ -26,9 +37,7 @@ pub const fn facts<const N: usize, const M: usize>(
         ("read", "features in the input: accepted + rejected + filtered"),
         ("accepted", "features in the result"),
         ("rejected", "features left out because something is wrong with them; listed with id, place and cause"),
-        ("filtered", "features not asked for: by `where` or by their type"),
-        ("filtered_by_where", "of those, by `where`"),
-        ("filtered_by_type", "of those, by type of geometry or object"),
+        ("filtered", "features not asked for"),
         ("rejected_by_cause", "rejected features of each cause"),
         ("repaired_by_cause", "features changed by a written rule, of each rule"),
     ];
@@ -68,8 +77,9 @@ impl<'r> Ledger<'r> {
         self.report.repair(note);
     }
 
-    /// The facts, and an error where nothing is left (unless `may_be_empty`) or too large a share was rejected.
-    pub fn finish(self, what: &str, max_rejected: f64, may_be_empty: bool) -> Result<()> {
+    /// The facts, and an error where too few of `what` are left.
+    pub fn finish(self, what: &str, needed: Needed) -> Result<()> {
+        let (Needed::One { max_rejected } | Needed::None { max_rejected }) = needed;
         let rejected: u64 = self.rejected.values().sum();
         let filtered = self.by_where + self.by_type.values().sum::<u64>();
         let wanted = self.read - filtered;
@@ -95,7 +105,7 @@ impl<'r> Ledger<'r> {
             .first
             .as_ref()
             .map_or(String::new(), |n| format!("; the first: `{}` ({}): {}", n.id, n.place, n.cause));
-        if accepted == 0 && !may_be_empty {
+        if accepted == 0 && matches!(needed, Needed::One { .. }) {
             let counts = format!("{} read, {filtered} filtered, {rejected} rejected{example}", self.read);
             return Err(Diagnostic::error("no-features", format!("no {what} in the input: {counts}")));
         }

@@ -8,6 +8,7 @@ pub mod json;
 pub mod ledger;
 pub mod pick;
 pub mod place;
+pub mod reader;
 pub mod stream;
 pub mod svg;
 pub mod tiles3d;

@@ -8,7 +8,7 @@
 //! Top:    mean height of the roof surfaces, weighted by plan area; `"max"`, their highest point; or an attribute
 //!         with the roof's elevation (`measuredHeight` counts from the base). Without roof surfaces, faces that look up.
 //! Errors: an unknown `lod` or attribute, nothing left. Rejected: no ground, no roof above it.
-//! Facts:  read = accepted + rejected; rejected_by_cause, repaired_by_cause, `lods` (how many took which).
+//! Facts:  read = accepted + rejected + filtered (0); rejected_by_cause, repaired_by_cause, `lods` (how many took which).
 //! Cost:   near O(n log n) in the ground's vertices.
 
 use std::collections::BTreeMap;
@@ -21,8 +21,9 @@ use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::Point;
 use crate::geom::repair::{self, Repairs};
 use crate::geom::union::union;
-use crate::io::ledger::{self, Ledger};
+use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::Seen;
+use crate::io::reader::account;
 use crate::op::{Ctx, Op};
 use crate::{inputs, params};
 
@@ -50,13 +51,12 @@ impl Op for Footprint {
     type In = In;
     type Out = Footprints;
     const FACTS: &'static [(&'static str, &'static str)] =
-        &ledger::facts::<1, 9>([("lods", "buildings for each level of detail that gave their ground")]);
+        &ledger::facts::<1, 7>([("lods", "buildings for each level of detail that gave their ground")]);
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Footprints> {
-        let mut ledger = Ledger::new(ctx.report);
-        let out = footprints(&input.buildings, self, ctx, &mut ledger)?;
-        ledger.finish("buildings", self.max_rejected, false)?;
-        Ok(out)
+        account(ctx.report, "buildings", Needed::One { max_rejected: self.max_rejected }, |ledger| {
+            footprints(&input.buildings, self, ctx, ledger)
+        })
     }
 }
 

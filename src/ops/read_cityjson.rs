@@ -2,16 +2,19 @@
 //!
 //! In:     files: a CityJSON object, or a header and a CityJSONFeature a line; plain or gzipped.
 //! Out:    n buildings in input order on the millimetre grid of a local frame. Surfaces of a building's parts are
-//!         its own, level by level. A building of one part takes the part's attributes that it lacks itself.
+//!         its own, level by level. So are their attributes that the building lacks itself, where all parts that have
+//!         one say the same; the others are left out and counted.
 //! Twice:  of several geometries of one object and one level the best stays: one with semantics, else one of solids,
 //!         else the first.
 //! Errors: broken JSON, no transform, features without a header (then `transform` and `crs` say it), nothing left,
 //!         too many rejects, a building farther than 2^29 mm from the origin.
 //! Facts:  read = accepted + rejected + filtered counts objects that are nobody's part; filtered_by_type,
 //!         rejected_by_cause, repaired_by_cause; parts, filtered_geometries (points, lines, templates),
-//!         repeated_geometries.
+//!         repeated_geometries; left_part_attributes; left_members (appearances, addresses, extensions, attributes of
+//!         surfaces: what a building here has no place for).
 //! Cost:   linear; a CityJSON object is held in memory as a whole, CityJSONSeq line by line.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::artifact::buildings::OTHER;
@@ -19,27 +22,19 @@ use crate::artifact::{Buildings, Shapes, Strings, Table};
 use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::frame::{Projector, grid};
 use crate::io::cityjson::{self, Boundary, Model, Object, Transform};
-use crate::io::ledger::{self, Ledger};
+use crate::io::json::Scalar;
+use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick;
 use crate::io::place::{Bounds, NOWHERE, Placed, Unsaid, place, too_far};
+use crate::io::reader::{account, crs_mistake};
 use crate::op::{Ctx, Mistake, Op, Source};
-use crate::{inputs, params};
+use crate::{inputs, reader_params};
 
-params! {
+reader_params! {
     /// Buildings with all their levels of detail from CityJSON files.
     pub struct ReadCityjson {
-        /// A file (`.city.json`, `.city.jsonl`), or several by a glob; `.gz` of any.
-        #[schemars(extend("x-file" = true, "x-required" = true))]
-        pub path: String = String::new(),
-        /// The coordinate reference system, `"EPSG:7415"`; empty: as the file says, else local metres.
-        pub crs: String = String::new(),
-        /// Pins the origin of the local frame: x, y in the input's coordinates.
-        pub origin: Option<[f64; 2]> = None,
         /// `scale` and `translate` of features that come without a header.
         pub transform: Option<Transform> = None,
-        /// Largest share of buildings that may be rejected.
-        #[schemars(range(min = 0.0, max = 1.0))]
-        pub max_rejected: f64 = 0.5,
     }
 }
 
@@ -47,28 +42,29 @@ inputs! {}
 
 impl Op for ReadCityjson {
     const NAME: &'static str = "read-cityjson";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Buildings;
-    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<3, 11>([
+    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<6, 12>([
+        ledger::BY_TYPE,
         ("parts", "building parts, which belong to their buildings"),
         ("filtered_geometries", "geometries of kinds that are not taken (points, lines, templates), by kind"),
         ("repeated_geometries", "geometries left out for a better one of the same object and level"),
+        ("left_part_attributes", "buildings whose parts say otherwise than themselves or each other, by attribute"),
+        (
+            "left_members",
+            "what buildings, parts, their geometries and their surfaces' semantics had beside, by name (material, address, ..)",
+        ),
     ]);
 
     fn check(&self) -> Vec<Mistake> {
-        match crate::io::geojson::crs_or_empty(&self.crs) {
-            Err(e) => vec![Mistake { param: "crs", message: e.message }],
-            Ok(_) => Vec::new(),
-        }
+        crs_mistake(&self.crs).map(|message| Mistake { param: "crs", message }).into_iter().collect()
     }
 
     fn run(&self, ctx: &Ctx, _: In) -> Result<Buildings> {
-        let mut ledger = Ledger::new(ctx.report);
-        let draft = gather(self, ctx, &mut ledger)?;
-        let out = settle(draft, self, ctx, &mut ledger)?;
-        ledger.finish("buildings", self.max_rejected, false)?;
-        Ok(out)
+        account(ctx.report, "buildings", Needed::One { max_rejected: self.max_rejected }, |ledger| {
+            settle(gather(self, ctx, ledger)?, self, ctx, ledger)
+        })
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
@@ -101,6 +97,8 @@ struct Level {
 struct Left {
     by_kind: BTreeMap<String, u64>,
     repeated: u64,
+    part_attributes: BTreeMap<String, u64>,
+    members: BTreeMap<String, u64>,
 }
 
 fn gather(params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft> {
@@ -137,8 +135,14 @@ fn gather(params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft
         draft.files.push((name.clone(), said));
     }
     ctx.report.fact("parts", parts);
-    if !left.by_kind.is_empty() {
-        ctx.report.fact("filtered_geometries", serde_json::json!(left.by_kind));
+    for (key, counts) in [
+        ("filtered_geometries", &left.by_kind),
+        ("left_part_attributes", &left.part_attributes),
+        ("left_members", &left.members),
+    ] {
+        if !counts.is_empty() {
+            ctx.report.fact(key, serde_json::json!(counts));
+        }
     }
     ctx.report.fact("repeated_geometries", left.repeated);
     Ok(draft)
@@ -203,8 +207,9 @@ fn buildings(
                 }
                 let row_in_table = draft.ids.len();
                 pick::store(&mut draft.table, row_in_table, &object.attributes);
-                if let [_, part] = all[..] {
-                    pick::store(&mut draft.table, row_in_table, &part.attributes);
+                pick::store(&mut draft.table, row_in_table, &of_parts(&all, left));
+                for name in all.iter().flat_map(|o| &o.left) {
+                    *left.members.entry(name.to_string()).or_default() += 1;
                 }
                 draft.ids.push(&object.id);
                 draft.from.push((row, note("").place));
@@ -216,6 +221,30 @@ fn buildings(
         }
     }
     parts
+}
+
+/// The attributes that a building, the first of `all`, takes from its parts. Counts those that it does not take.
+fn of_parts<'a>(all: &[&'a Object<'a>], left: &mut Left) -> Vec<(Cow<'a, str>, Scalar<'a>)> {
+    let same = |a: &Scalar, b: &Scalar| match (a, b) {
+        (Scalar::Number(a, _), Scalar::Number(b, _)) => a == b,
+        _ => a == b,
+    };
+    // By name: what was said first, and whether all others agree.
+    let mut said: BTreeMap<&str, (&Scalar, bool)> = BTreeMap::new();
+    for (name, value) in all.iter().skip(1).flat_map(|part| &part.attributes).filter(|(_, v)| *v != Scalar::Null) {
+        let first = said.entry(name).or_insert((value, true));
+        first.1 &= same(first.0, value);
+    }
+    let mut out = Vec::new();
+    for (name, (value, agreed)) in said {
+        let own = all.first().and_then(|building| pick::get(&building.attributes, name));
+        match own {
+            None if agreed => out.push((Cow::Borrowed(name), value.clone())),
+            Some(own) if agreed && same(own, value) => {}
+            _ => *left.part_attributes.entry(name.to_string()).or_default() += 1,
+        }
+    }
+    out
 }
 
 /// The levels of a building and its parts, ascending, and the box around them. An error without a cause: only
@@ -440,6 +469,43 @@ mod tests {
         assert_eq!(out.surfaces.polygons_of(0).len(), 12);
         assert_eq!((f.facts["parts"].as_u64(), f.repairs.len()), (Some(2), 1));
         assert_eq!(out.attributes.columns[0].present, [false, true]);
+    }
+
+    #[test]
+    fn attributes_of_parts() {
+        let object = |id: &str, kind: &str, more: &str| {
+            format!(r#""{id}":{{"type":"{kind}",{more},"children":[],"geometry":[{CUBE}]}}"#)
+        };
+        let part = |id: &str, attributes: &str| {
+            object(id, "BuildingPart", &format!(r#""parents":["a"],"attributes":{{{attributes}}}"#))
+        };
+        let (out, f) = run(
+            "",
+            &city(
+                &[
+                    object("a", "Building", r#""attributes":{"own":1,"both":2,"null":null}"#),
+                    part("p", r#""own":9,"both":2.0,"null":3,"some":true,"year":1990,"roof":"flat""#),
+                    part("q", r#""both":2,"null":3,"year":1990,"roof":"hipped","some":null"#),
+                ]
+                .join(","),
+            ),
+        );
+        let names: Vec<_> = out.unwrap().attributes.columns.into_iter().map(|c| c.name).collect();
+        assert_eq!(names, ["both", "null", "own", "some", "year"]);
+        assert_eq!(f.facts["left_part_attributes"], serde_json::json!({ "own": 1, "roof": 1 }));
+        assert!(!f.facts.contains_key("left_members"), "{:?}", f.facts);
+    }
+
+    #[test]
+    fn what_has_no_place_is_counted() {
+        let more = r#""material":{"m":{"value":0}},"texture":{},"lod":"1.2""#;
+        let painted = CUBE.replace(r#""lod":"1.2""#, more).replace(r#""RoofSurface""#, r#""RoofSurface","slope":30"#);
+        let point = r#"{"type":"MultiPoint","lod":"0","boundaries":[0],"material":{}}"#;
+        let building = format!(r#""a":{{"type":"Building","address":[],"geometry":[{painted},{point}],"+x":1}}"#);
+        let (out, f) = run("", &city(&format!(r#"{building},"r":{{"type":"Road","address":[]}}"#)));
+        assert_eq!(out.unwrap().semantics.len(), 6);
+        let left = serde_json::json!({ "+x": 1, "address": 1, "material": 1, "semantics.slope": 1, "texture": 1 });
+        assert_eq!(f.facts["left_members"], left);
     }
 
     #[test]

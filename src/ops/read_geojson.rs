@@ -18,18 +18,16 @@ use crate::geom::Point;
 use crate::geom::frame::{Projector, grid};
 use crate::geom::repair::{self, Repairs};
 use crate::io::geojson::{self, Feature, Geometry, GeometryKind};
-use crate::io::ledger::{self, Ledger};
+use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Metres, Names, Seen, Where};
 use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
+use crate::io::reader::{account, crs_mistake};
 use crate::op::{Ctx, Mistake, Op, Source};
-use crate::{inputs, params};
+use crate::{inputs, reader_params};
 
-params! {
+reader_params! {
     /// Building footprints and their heights from GeoJSON files.
     pub struct ReadGeojson {
-        /// A file, or several by a glob; `.gz` of any.
-        #[schemars(extend("x-file" = true, "x-required" = true))]
-        pub path: String = String::new(),
         /// The building's height: an attribute in metres (of a list the first present), or a number for all.
         #[schemars(extend("x-unit" = "m"))]
         pub height: Metres = Metres::of(&["height", "measuredHeight"]),
@@ -47,13 +45,6 @@ params! {
         pub id: Names = Names::of(&[]),
         /// Only features whose attributes have these values (or one of a list).
         pub r#where: Where = Where::new(),
-        /// The coordinate reference system, `"EPSG:28992"`; empty: as the file says, else lon/lat.
-        pub crs: String = String::new(),
-        /// Pins the origin of the local frame: x, y in the input's coordinates.
-        pub origin: Option<[f64; 2]> = None,
-        /// Largest share of features that may be rejected.
-        #[schemars(range(min = 0.0, max = 1.0))]
-        pub max_rejected: f64 = 0.5,
     }
 }
 
@@ -64,7 +55,9 @@ impl Op for ReadGeojson {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Footprints;
-    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<3, 11>([
+    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<5, 11>([
+        ledger::BY_WHERE,
+        ledger::BY_TYPE,
         ("heights_from_levels", "buildings whose height is their storeys times 3 m"),
         ("defaulted_heights", "buildings that got `default-height`"),
         ("unreadable_heights", "buildings with a height that is no number of metres"),
@@ -80,18 +73,14 @@ impl Op for ReadGeojson {
                 message: format!("`height` must be above 0 and at most {HIGHEST} m, got {v}"),
             });
         }
-        if let Err(e) = geojson::crs_or_empty(&self.crs) {
-            out.push(Mistake { param: "crs", message: e.message });
-        }
+        out.extend(crs_mistake(&self.crs).map(|message| Mistake { param: "crs", message }));
         out
     }
 
     fn run(&self, ctx: &Ctx, _: In) -> Result<Footprints> {
-        let mut ledger = Ledger::new(ctx.report);
-        let draft = gather(self, ctx, &mut ledger)?;
-        let out = settle(draft, self, ctx, &mut ledger)?;
-        ledger.finish("buildings", self.max_rejected, false)?;
-        Ok(out)
+        account(ctx.report, "buildings", Needed::One { max_rejected: self.max_rejected }, |ledger| {
+            settle(gather(self, ctx, ledger)?, self, ctx, ledger)
+        })
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {

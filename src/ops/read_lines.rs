@@ -6,7 +6,7 @@
 //! Errors: broken JSON (with its line), a file cut off, an attribute that no feature has, too many rejects. None left
 //!         is none left: barriers may be absent.
 //! Facts:  read = accepted + rejected + filtered counts features; filtered_by_where, filtered_by_type,
-//!         rejected_by_cause, repaired_by_cause; lines.
+//!         rejected_by_cause, repaired_by_cause.
 //! Cost:   linear.
 
 use crate::artifact::{Lines, Strings, Table};
@@ -14,30 +14,21 @@ use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::Point;
 use crate::geom::frame::grid;
 use crate::io::geojson::{self, GeometryKind};
-use crate::io::ledger::{self, Ledger};
+use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Names, Seen, Where};
 use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
+use crate::io::reader::{account, crs_mistake};
 use crate::op::{Ctx, Mistake, Op, Source};
-use crate::{inputs, params};
+use crate::{inputs, reader_params};
 
-params! {
+reader_params! {
     /// Lines, or outlines of polygons, from GeoJSON files.
     pub struct ReadLines {
-        /// A file, or several by a glob; `.gz` of any.
-        #[schemars(extend("x-file" = true, "x-required" = true))]
-        pub path: String = String::new(),
         /// Only features whose attributes have these values (or one of a list).
         pub r#where: Where = Where::new(),
         /// Attribute that names the line (of a list the first present). An empty list: the feature's own id, the
         /// attribute `id`, or the row.
         pub id: Names = Names::of(&[]),
-        /// The coordinate reference system, `"EPSG:28992"`; empty: as the file says, else lon/lat.
-        pub crs: String = String::new(),
-        /// Pins the origin of the local frame: x, y in the input's coordinates.
-        pub origin: Option<[f64; 2]> = None,
-        /// Largest share of features that may be rejected.
-        #[schemars(range(min = 0.0, max = 1.0))]
-        pub max_rejected: f64 = 0.5,
     }
 }
 
@@ -48,21 +39,16 @@ impl Op for ReadLines {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Lines;
-    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<0, 8>([]);
+    const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<2, 8>([ledger::BY_WHERE, ledger::BY_TYPE]);
 
     fn check(&self) -> Vec<Mistake> {
-        match geojson::crs_or_empty(&self.crs) {
-            Err(e) => vec![Mistake { param: "crs", message: e.message }],
-            Ok(_) => Vec::new(),
-        }
+        crs_mistake(&self.crs).map(|message| Mistake { param: "crs", message }).into_iter().collect()
     }
 
     fn run(&self, ctx: &Ctx, _: In) -> Result<Lines> {
-        let mut ledger = Ledger::new(ctx.report);
-        let draft = gather(self, ctx, &mut ledger)?;
-        let out = settle(draft, self, ctx, &mut ledger)?;
-        ledger.finish("lines", self.max_rejected, true)?;
-        Ok(out)
+        account(ctx.report, "lines", Needed::None { max_rejected: self.max_rejected }, |ledger| {
+            settle(gather(self, ctx, ledger)?, self, ctx, ledger)
+        })
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {

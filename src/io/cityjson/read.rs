@@ -1,7 +1,7 @@
 //! City objects as a file has them: a CityJSON object, or one and CityJSONFeatures after it (CityJSONSeq).
 //!
 //! Read are types, parents, attributes, surfaces, their meaning, vertices, transform and reference system. Left
-//! unread are appearances, templates, addresses and members of extensions.
+//! unread are appearances, templates, addresses and members of extensions: an object says which of them it had.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -44,6 +44,9 @@ pub struct Object<'a> {
     pub parents: Vec<Cow<'a, str>>,
     pub attributes: Vec<(Cow<'a, str>, Scalar<'a>)>,
     pub geometries: Vec<Boundary>,
+    /// Members that were not read, each as often as it was there: its own (`address`, ..), those of its surfaces'
+    /// geometries (`material`, `texture`, ..) and of their semantics (`semantics.slope`, ..).
+    pub left: Vec<Cow<'a, str>>,
 }
 
 /// The surfaces of one geometry.
@@ -198,8 +201,15 @@ fn transform(json: &mut Json) -> Parsed<Option<Transform>> {
 }
 
 fn object<'a>(json: &mut Json<'a>, id: Cow<'a, str>, line: u64) -> Parsed<Object<'a>> {
-    let mut out =
-        Object { id, kind: String::new(), line, parents: Vec::new(), attributes: Vec::new(), geometries: Vec::new() };
+    let mut out = Object {
+        id,
+        kind: String::new(),
+        line,
+        parents: Vec::new(),
+        attributes: Vec::new(),
+        geometries: Vec::new(),
+        left: Vec::new(),
+    };
     json.object(|json, key| {
         match &*key {
             "type" => out.kind = text(json)?,
@@ -210,17 +220,26 @@ fn object<'a>(json: &mut Json<'a>, id: Cow<'a, str>, line: u64) -> Parsed<Object
                 Ok(())
             })?,
             "geometry" if json.peek()? == b'[' => json.list(|json| {
-                out.geometries.push(boundary(json)?);
+                let before = out.left.len();
+                out.geometries.push(boundary(json, &mut out.left)?);
+                if out.geometries.last().is_some_and(|b| !b.is_surface()) {
+                    out.left.truncate(before);
+                }
                 Ok(())
             })?,
-            _ => json.skip()?,
+            // The other end of `parents`, and what follows from the geometries.
+            "children" | "geographicalExtent" => json.skip()?,
+            _ => {
+                out.left.push(key);
+                json.skip()?;
+            }
         }
         Ok(())
     })?;
     Ok(out)
 }
 
-fn boundary(json: &mut Json) -> Parsed<Boundary> {
+fn boundary<'a>(json: &mut Json<'a>, left: &mut Vec<Cow<'a, str>>) -> Parsed<Boundary> {
     let mut out = Boundary::default();
     let mut types: Vec<u8> = Vec::new();
     let mut values = Nest::Null;
@@ -234,7 +253,11 @@ fn boundary(json: &mut Json) -> Parsed<Boundary> {
                     let mut kind = OTHER;
                     json.object(|json, key| match &*key {
                         "type" => Ok(kind = meaning(&text(json)?)),
-                        _ => json.skip(),
+                        "parent" | "children" => json.skip(),
+                        name => {
+                            left.push(format!("semantics.{name}").into());
+                            json.skip()
+                        }
                     })?;
                     types.push(kind);
                     Ok(())
@@ -242,7 +265,10 @@ fn boundary(json: &mut Json) -> Parsed<Boundary> {
                 "values" => Ok(values = Nest::read(json, 0)?),
                 _ => json.skip(),
             })?,
-            _ => json.skip()?,
+            _ => {
+                left.push(key);
+                json.skip()?;
+            }
         }
         Ok(())
     })?;
