@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use lodge::artifact::{Footprints, Strings};
 use lodge::geom::Point;
+use lodge::op::NEVER;
 use lodge::ops::cluster::{Cluster, Distance, cluster};
 use support::{Dice, city, data, eight_times, footprints, measure, yardstick};
 
@@ -26,7 +27,7 @@ fn main() {
     // Made once: the CPU time of threads that end would be lost.
     let pools = [1, 2].map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads"));
     let with = |threads: usize, times: usize, all: &Footprints, barriers: &[[Point; 2]], how: &Cluster| {
-        measure(times, || pools[threads - 1].install(|| cluster(all, barriers.to_vec(), how)))
+        measure(times, || pools[threads - 1].install(|| cluster(all, barriers.to_vec(), how, &NEVER)))
     };
     let how = Cluster::default();
 

@@ -54,13 +54,18 @@ pub struct Ctx<'a> {
     pub stop: &'a AtomicBool,
 }
 
+/// The wish to stop that never comes, for methods outside an operator.
+pub static NEVER: AtomicBool = AtomicBool::new(false);
+
 impl Ctx<'_> {
-    /// Call in long loops: an error when the run was interrupted.
+    /// Call in long loops: an error when the run was interrupted. A method without a `Ctx` looks at `stop` and ends
+    /// with anything at all.
     pub fn check(&self) -> Result<()> {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Diagnostic::error("interrupted", "interrupted"));
-        }
-        Ok(())
+        if self.stop.load(Ordering::Relaxed) { Err(Self::interrupted()) } else { Ok(()) }
+    }
+
+    pub fn interrupted() -> Box<Diagnostic> {
+        Diagnostic::error("interrupted", "interrupted")
     }
 }
 
@@ -95,7 +100,8 @@ pub struct Bench {
     pub sources: Vec<Source>,
     pub report: Report,
     pub blobs: MemoryBlobs,
-    stop: AtomicBool,
+    /// True: an interrupted run.
+    pub stop: AtomicBool,
 }
 
 impl Bench {
@@ -255,7 +261,11 @@ impl<O: Op> AnyOp for O {
         Op::check(self)
     }
     fn run(&self, ctx: &Ctx, inputs: Vec<Vec<Arc<dyn AnyArtifact>>>) -> Result<Arc<dyn AnyArtifact>> {
-        Ok(Arc::new(Op::run(self, ctx, O::In::take(inputs))?))
+        ctx.check()?;
+        let out = Op::run(self, ctx, O::In::take(inputs))?;
+        // What was made of a part of the work goes nowhere.
+        ctx.check()?;
+        Ok(Arc::new(out))
     }
     fn estimate(&self, input_bytes: u64) -> u64 {
         Op::estimate(self, input_bytes)

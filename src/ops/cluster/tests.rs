@@ -213,6 +213,21 @@ fn equals_brute_force_between_outlines() {
 }
 
 #[test]
+fn a_wish_to_stop_ends_it() {
+    let stop = AtomicBool::new(true);
+    for how in [Distance::Centroid, Distance::Footprint] {
+        for barriers in [Vec::new(), vec![[[0, -9], [0, 9]]]] {
+            let how = Cluster { distance: how, ..Cluster::default() };
+            let tree = super::cluster(&dots(&[[-5, 0], [5, 0], [9, 0]], 0), barriers, &how, &stop);
+            assert_eq!((tree.left.len(), tree.leaf_count()), (0, 3));
+        }
+    }
+    let bench = Bench { stop, ..Bench::default() };
+    let input = In { footprints: Arc::new(dots(&[[0, 0], [1000, 0]], 0)), barriers: Vec::new() };
+    assert_eq!(Cluster::default().run(&bench.ctx(), input).unwrap_err().code, "interrupted");
+}
+
+#[test]
 fn smallest_cases() {
     for n in 0..4 {
         let centres: Vec<Point> = (0..n).map(|i| [i * 5000, 0]).collect();
@@ -260,15 +275,36 @@ fn turned_and_moved() {
     }
 }
 
+/// How often a merge is cheaper than the one before it, among those that cross no barrier and among those that do;
+/// and how often one that crosses comes before one that does not. Costs without `avg`, to the last bits: a distance in
+/// metres is one rounding away from that in millimetres.
+fn falls(tree: &Dendrogram) -> usize {
+    let size = |c: u32| u64::from(tree.size_of(c));
+    let plain = |i: usize| (size(tree.left[i]) * size(tree.right[i])) as f64 * tree.distance[i];
+    let crosses = &tree.crosses_barrier;
+    let falls = |i: &usize| match (crosses[i - 1], crosses[*i]) {
+        (false, true) => false,
+        (true, false) => true,
+        _ => plain(i - 1) > plain(*i) * (1.0 + 1e-15),
+    };
+    (1..tree.left.len()).filter(falls).count()
+}
+
 #[test]
 fn costs_never_fall() {
     for (name, centres) in layouts(9) {
         let tree = cluster(&dots(&centres, 0), Vec::new(), &Cluster::default());
-        let size = |c: u32| u64::from(tree.size_of(c));
-        let plain: Vec<f64> = (0..tree.left.len())
-            .map(|i| (size(tree.left[i]) * size(tree.right[i])) as f64 * (tree.distance[i] * 1000.0).round())
-            .collect();
-        assert!(plain.windows(2).all(|w| w[0] <= w[1] * (1.0 + 1e-3)), "{name}");
+        assert_eq!(falls(&tree), 0, "{name}");
+        for barriers in barriers(9, &centres) {
+            assert_eq!(falls(&cluster(&dots(&centres, 0), barriers, &Cluster::default())), 0, "{name}, barriers");
+        }
+        // It can fail: with a last merge that waited too long, with a first one that pretends to cross.
+        let mut late = tree.clone();
+        *late.distance.last_mut().unwrap() = 1e-9;
+        assert_eq!(falls(&late), 1, "{name}");
+        let mut crossing = tree;
+        crossing.crosses_barrier[0] = true;
+        assert_eq!(falls(&crossing), 1, "{name}");
     }
 }
 

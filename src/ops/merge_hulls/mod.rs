@@ -19,6 +19,8 @@ mod leaves;
 mod nodes;
 mod sizes;
 
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -28,7 +30,7 @@ use self::sizes::{Built, measure};
 use crate::artifact::hulls::HullState;
 use crate::artifact::{Dendrogram, Footprints, Hulls};
 use crate::diag::{Diagnostic, Note, Result};
-use crate::op::{Ctx, Op};
+use crate::op::{Ctx, NEVER, Op};
 use crate::{inputs, params};
 
 /// What a node merges.
@@ -91,7 +93,9 @@ impl Op for MergeHulls {
             );
             return Err(Diagnostic::error("other-buildings", message).help("cluster the same footprints"));
         }
-        let (hulls, repairs) = merge_hulls(footprints, tree, self);
+        let Some((hulls, repairs)) = merge_until(footprints, tree, self, ctx.stop) else {
+            return Err(Ctx::interrupted());
+        };
         repairs.into_iter().for_each(|note| ctx.report.repair(note));
         Ok(hulls)
     }
@@ -99,9 +103,19 @@ impl Op for MergeHulls {
 
 /// The hulls, and what had to be repaired.
 pub fn merge_hulls(footprints: &Footprints, tree: &Dendrogram, how: &MergeHulls) -> (Hulls, Vec<Note>) {
+    merge_until(footprints, tree, how, &NEVER).expect("nobody stops it")
+}
+
+/// The same; none soon after `stop` has become true.
+fn merge_until(
+    footprints: &Footprints,
+    tree: &Dendrogram,
+    how: &MergeHulls,
+    stop: &AtomicBool,
+) -> Option<(Hulls, Vec<Note>)> {
     let (order, _) = tree.leaf_order();
     let leaves = Leaves::new(footprints, &order);
-    let work = Work { tree, leaves: &leaves, how };
+    let work = Work { tree, leaves: &leaves, how, stop };
     let rings = || {
         let mut parts = Vec::new();
         tree.root().into_iter().for_each(|root| work.subtree(root, &mut parts));
@@ -109,6 +123,9 @@ pub fn merge_hulls(footprints: &Footprints, tree: &Dendrogram, how: &MergeHulls)
     };
     let (parts, built) = rayon::join(rings, || Built::new(footprints, tree, &leaves.crossed));
 
+    if stop.load(Relaxed) {
+        return None;
+    }
     // Rings in the order of the clusters.
     let count = tree.cluster_count();
     let mut places = vec![(0u32, 0u32); count];
@@ -149,7 +166,7 @@ pub fn merge_hulls(footprints: &Footprints, tree: &Dendrogram, how: &MergeHulls)
         height: Vec::new(),
     };
     measure(&mut hulls, footprints, tree, how.height, &built);
-    (hulls, repairs)
+    Some((hulls, repairs))
 }
 
 #[cfg(test)]
@@ -274,6 +291,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_wish_to_stop_ends_it() {
+        let square = |x: i32| vec![[x, 0], [x + 9, 0], [x + 9, 9], [x, 9]];
+        let (footprints, tree, _) = default_hulls(&[square(0), square(20), square(50)]);
+        assert!(merge_until(&footprints, &tree, &MergeHulls::default(), &AtomicBool::new(true)).is_none());
     }
 
     fn default_hulls(shells: &[Vec<Point>]) -> (Footprints, Dendrogram, Hulls) {

@@ -1,5 +1,7 @@
 //! The rings of the inner nodes, each from its children's, subtrees in parallel.
 
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
 use super::leaves::Leaves;
 use super::{Merge, MergeHulls};
 use crate::artifact::Dendrogram;
@@ -50,6 +52,8 @@ pub struct Work<'a> {
     pub tree: &'a Dendrogram,
     pub leaves: &'a Leaves,
     pub how: &'a MergeHulls,
+    /// Once true, rings no longer matter.
+    pub stop: &'a AtomicBool,
 }
 
 /// Subtrees of at most so many leaves are one piece of work.
@@ -110,6 +114,9 @@ impl Work<'_> {
     /// Appends the ring of one inner node to `part`, from its children's.
     fn node(&self, cluster: u32, left: (&Part, usize), right: (&Part, usize), desk: &mut Desk, part: &mut Part) {
         let [l, r] = [left, right].map(|(part, i)| (part.ring(i), part.edges[i]));
+        if self.stop.load(Relaxed) {
+            return part.push(cluster, [], 0, 0);
+        }
         if l.0.is_empty() || r.0.is_empty() {
             let only = if l.0.is_empty() { r } else { l };
             return part.push(cluster, only.0.iter().copied(), only.1, only.1);

@@ -1,5 +1,7 @@
 //! The tree of tiles, bottom-up: which subtrees are tiles, and what each shows.
 
+use std::sync::atomic::Ordering::Relaxed;
+
 use rayon::prelude::*;
 
 use super::Limits;
@@ -46,11 +48,15 @@ pub struct Drawn {
 
 /// Builds the tile over a node.
 pub fn build(city: &City, street: &Street, limits: &Limits, x: u32) -> Built {
-    if fits_as_it_is(city, limits, x) {
+    let stopped = || limits.stop.load(Relaxed);
+    if stopped() || fits_as_it_is(city, limits, x) {
         return leaf(city, limits, x);
     }
     let children: Vec<Built> =
         children(city, limits, x).into_par_iter().map(|c| build(city, street, limits, c)).collect();
+    if stopped() {
+        return leaf(city, limits, x);
+    }
     inner(city, street, limits, x, children)
 }
 

@@ -13,8 +13,8 @@
 //! Error:  e = max(e0, largest height difference of a member that is not drawn beside). e0 = sqrt(S) of the
 //!         negative-space box; members higher than the cluster by `skyline` * e0 are landmarks. Heights are compared
 //!         above their own ground, and also as roofs above zero. A form's negative space is all that it draws wrong.
-//! Counts: `tiles`, `exceeding` (tiles above a bound: one building, or landmarks alone), `extruded` (originals known
-//!         only by one height), and of each level `lost` (0) and `closed`.
+//! Facts:  exceeding (tiles above a bound: one building, or landmarks alone), extruded (originals known only by one
+//!         height), street_points; and of each of `levels` `lost` (0) and `closed`.
 //! Errors: inputs differ, no building, hulls that are a cut or not nested.
 //! Cost:   near O(n log n), parallel over subtrees; memory O(n).
 //! Source: sections 6 and 8 of Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility;
@@ -31,6 +31,8 @@ mod forms;
 mod least_cut;
 mod levels;
 mod originals;
+
+use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
@@ -82,6 +84,11 @@ impl Op for Tile {
     const VERSION: u32 = 1;
     type In = In;
     type Out = TileTree;
+    const FACTS: &'static [(&'static str, &'static str)] = &[
+        ("exceeding", "tiles above a bound: one building, or landmarks alone"),
+        ("extruded", "originals known only by one height"),
+        ("street_points", "points on streets, squares and yards at which `closed` of each level is sampled"),
+    ];
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<TileTree> {
         let (footprints, tree, hulls) = (&*input.footprints, &*input.dendrogram, &*input.hulls);
@@ -111,7 +118,8 @@ impl Op for Tile {
         let city = City::new(footprints, tree, hulls, &input.landmarks, originals, self.skyline);
         ctx.check()?;
         let street = Street::of(footprints);
-        let limits = Limits { triangles: self.max_triangles, bytes: self.max_bytes, prefer: self.prefer };
+        let limits =
+            Limits { triangles: self.max_triangles, bytes: self.max_bytes, prefer: self.prefer, stop: ctx.stop };
         let root = build::build(&city, &street, &limits, city.root());
         ctx.check()?;
         let (tree, exceeding) = flatten(&city, &street, &root);
@@ -123,10 +131,12 @@ impl Op for Tile {
 }
 
 /// What a tile may hold, and which cut fills it.
-pub struct Limits {
+pub struct Limits<'a> {
     pub triangles: u64,
     pub bytes: u64,
     pub prefer: Prefer,
+    /// Once true, tiles no longer matter.
+    pub stop: &'a AtomicBool,
 }
 
 /// The buildings in the footprints' frame.

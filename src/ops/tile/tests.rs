@@ -8,7 +8,7 @@ use crate::geom::bounds::{Bounds, shown_error};
 use crate::geom::cover::Cover;
 use crate::geom::ring::area_m2;
 use crate::geom::tree_cut::{self, Price};
-use crate::op::Bench;
+use crate::op::{Bench, NEVER};
 
 fn toy(n: u64, seed: u64) -> Toy {
     toy::city(&(0..n).collect::<Vec<_>>(), seed)
@@ -408,6 +408,18 @@ fn leaves_and_landmarks_keep_the_highest_level_of_detail() {
     }
     assert_eq!(tree.semantics.len(), tree.solids.polygons.len() - 1);
     assert!(solid_landmarks > 0);
+}
+
+#[test]
+fn a_wish_to_stop_ends_it() {
+    let toy = toy(300, 1);
+    let city = city(&toy);
+    let limits = |stop| Limits { triangles: 500, bytes: 1 << 20, prefer: Prefer::LeastError, stop };
+    let street = Street::of(&toy.footprints);
+    let stop = AtomicBool::new(true);
+    let built = build::build(&city, &street, &limits(&stop), city.root());
+    assert!(built.is_leaf && built.children.is_empty());
+    assert!(!build::build(&city, &street, &limits(&NEVER), city.root()).is_leaf);
 }
 
 #[test]
