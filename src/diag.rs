@@ -149,6 +149,12 @@ pub struct Findings {
     pub facts: BTreeMap<String, Value>,
 }
 
+impl Findings {
+    /// What any summary may say beside, and what it means.
+    pub const KEYS: &[(&str, &str)] =
+        &[("rejects", "features left out, by cause"), ("repairs", "features changed by a written rule, by cause")];
+}
+
 /// Collects [`Findings`] from any number of threads; what comes out does not depend on their order.
 #[derive(Debug, Default)]
 pub struct Report(Mutex<Findings>);

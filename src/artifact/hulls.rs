@@ -72,7 +72,7 @@ impl Hulls {
 impl Artifact for Hulls {
     const KIND: &'static Kind = &Kind::of::<Self>("Hulls", "one ring per cluster").keys(&[
         ("hulls", "number of clusters"),
-        ("state", "all: every cluster of the tree; cut: a partition"),
+        ("state", "merged, simplified or source-simplified: every cluster of the tree; cut: a partition"),
         ("vertices", "points that the rings use"),
         ("edges", "edges of all rings"),
         ("empty", "clusters without a ring"),

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::{Exit, Globals, Outcome, Stop};
-use crate::diag::{Diagnostic, did_you_mean};
+use crate::diag::{Diagnostic, Findings, did_you_mean};
 use crate::graph::{kinds, port_name, required, wanted};
 use crate::op::Entry;
 
@@ -90,7 +90,7 @@ pub fn page(entry: &Entry) -> String {
         }
         out += &choices(p);
     }
-    let keys: Vec<_> = entry.output.keys.iter().chain(entry.facts).collect();
+    let keys: Vec<_> = keys(entry).collect();
     if !keys.is_empty() {
         out += "\nSummary\n";
         let wide = keys.iter().map(|k| k.0.len()).max().unwrap_or(0);
@@ -101,6 +101,11 @@ pub fn page(entry: &Entry) -> String {
     out
 }
 
+/// The keys of its summaries: of the result, of the run, of any.
+fn keys(entry: &Entry) -> impl Iterator<Item = &(&str, &str)> {
+    entry.output.keys.iter().chain(entry.facts).chain(Findings::KEYS)
+}
+
 /// The same as data.
 fn data(entry: &Entry) -> Value {
     let schema = (entry.schema)();
@@ -108,7 +113,7 @@ fn data(entry: &Entry) -> Value {
         json!({"name": port_name(p), "doc": p.doc.trim(), "kinds": p.kinds.iter().map(|k| k.name).collect::<Vec<_>>(),
             "optional": p.optional, "many": p.many})
     };
-    let keys = entry.output.keys.iter().chain(entry.facts).map(|(k, v)| (k.to_string(), Value::from(*v)));
+    let keys = keys(entry).map(|(k, v)| (k.to_string(), Value::from(*v)));
     json!({
         "name": entry.name,
         "version": entry.version,

@@ -8,7 +8,8 @@
 //!         total fits (`prefer = "fewest"`; ties: first in leaf order). Triangles are those of `extrude`, 4k - 4 for a
 //!         ring of k edges (courtyards not counted).
 //! Error:  of a cluster max(e0, largest height difference of a member), since a cut draws no landmarks; e0 as in
-//!         `tile`; of a single building 0. Reported as `error_m`.
+//!         `tile`; of a single building 0.
+//! Facts:  clusters, triangles, error_m (the largest of the cut).
 //! Errors: inputs differ; hulls that are a cut already. Cost: O(n log n).
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, sections 6 and 8;
 //!         the least cut is ours.

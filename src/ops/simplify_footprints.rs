@@ -9,6 +9,7 @@
 //!         would add more than `max-area`, or bring all steps above `max-area-ratio` of the ring's own first area.
 //!         A courtyard of at most `max-area` is filled. Vertices on a straight line always go. Ties: first vertex.
 //!         A ring that crosses or touches itself is kept as it is, and reported by id.
+//! Facts:  vertices_before.
 //! Errors: none of `max-edges`, `max-area-ratio`, `max-area` is given.
 //! Cost:   O(m log m) for m vertices, parallel over features.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 6.
@@ -49,6 +50,7 @@ impl Op for SimplifyFootprints {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Footprints;
+    const FACTS: &'static [(&'static str, &'static str)] = &[("vertices_before", "points of all rings before")];
 
     fn check(&self) -> Vec<Mistake> {
         let none = self.max_edges.is_none() && self.max_area_ratio.is_none() && self.max_area.is_none();

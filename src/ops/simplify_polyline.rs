@@ -7,6 +7,7 @@
 //!         own), rounded up, and a leaf keeps its ring; in a cut a ring keeps `keep` of its own edges. It keeps more
 //!         where it is convex before that. Edges are counted without collinear vertices, which always go. Ties:
 //!         smaller added area, then smaller vertex index (numbered in the dendrogram's leaf order).
+//! Facts:  edges_before.
 //! Errors: hulls that were simplified while they were merged: a parent would no longer contain its children.
 //! Cost:   near O(m log m) for m vertices of all rings, parallel over rings.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 6.
