@@ -15,9 +15,11 @@
 //! Cost:   near O(n log n), parallel over subtrees.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, sections 5, 6.
 
+mod heights;
 mod leaves;
 mod nodes;
 mod sizes;
+mod walk;
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -27,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use self::leaves::Leaves;
 use self::nodes::Work;
 use self::sizes::{Built, measure};
+use self::walk::Walk;
 use crate::artifact::hulls::HullState;
 use crate::artifact::{Dendrogram, Footprints, Hulls};
 use crate::diag::{Diagnostic, Note, Result};
@@ -113,6 +116,7 @@ fn merge_until(
     how: &MergeHulls,
     stop: &AtomicBool,
 ) -> Option<(Hulls, Vec<Note>)> {
+    let walk = Walk::new(tree);
     let (order, _) = tree.leaf_order();
     let leaves = Leaves::new(footprints, &order);
     let work = Work { tree, leaves: &leaves, how, stop };
@@ -121,7 +125,7 @@ fn merge_until(
         tree.root().into_iter().for_each(|root| work.subtree(root, &mut parts));
         parts
     };
-    let (parts, built) = rayon::join(rings, || Built::new(footprints, tree, &leaves.crossed));
+    let (parts, built) = rayon::join(rings, || Built::new(footprints, &walk, &leaves.crossed));
 
     if stop.load(Relaxed) {
         return None;
@@ -165,7 +169,7 @@ fn merge_until(
         ground: Vec::new(),
         height: Vec::new(),
     };
-    measure(&mut hulls, footprints, tree, how.height, &built);
+    measure(&mut hulls, footprints, &walk, how.height, &built);
     Some((hulls, repairs))
 }
 
