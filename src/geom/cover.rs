@@ -2,12 +2,13 @@
 
 use super::Point;
 use super::bounds::Bounds;
-use super::predicates::{on_segment, orient};
+use super::predicates::orient;
 
 /// The edges of some rings, sorted into rows by y. Asking looks at one row: O(edges that cross it).
 pub struct Cover {
     pub bounds: Bounds,
-    rows: usize,
+    /// A point's row is its height above the lowest, shifted.
+    shift: u32,
     /// rows + 1 offsets into `edges`.
     starts: Vec<u32>,
     edges: Vec<[Point; 2]>,
@@ -18,20 +19,25 @@ impl Cover {
     pub fn new<'a>(rings: impl Iterator<Item = &'a [Point]> + Clone) -> Self {
         let bounds = Bounds::of(rings.clone().flatten().copied());
         let count: usize = rings.clone().map(<[Point]>::len).sum();
-        let mut out = Self { bounds, rows: (count / 4).clamp(1, 4096), starts: Vec::new(), edges: Vec::new() };
+        let mut out = Self { bounds, shift: 0, starts: Vec::new(), edges: Vec::new() };
         if bounds.is_empty() {
             return out;
         }
+        let extent = (i64::from(bounds.high[1]) - i64::from(bounds.low[1])) as u64;
+        while (extent >> out.shift) + 1 > (count as u64 / 2).clamp(1, 4096) {
+            out.shift += 1;
+        }
+        let rows = (extent >> out.shift) as usize + 1;
         let edges = || {
             rings
                 .clone()
                 .flat_map(|r| r.iter().enumerate().map(move |(i, &a)| [a, r[if i + 1 == r.len() { 0 } else { i + 1 }]]))
         };
         let span = |out: &Self, [a, b]: [Point; 2]| out.row(a[1].min(b[1]))..=out.row(a[1].max(b[1]));
-        let mut starts = vec![0u32; out.rows + 1];
+        let mut starts = vec![0u32; rows + 1];
         edges().for_each(|e| span(&out, e).for_each(|row| starts[row + 1] += 1));
-        (0..out.rows).for_each(|row| starts[row + 1] += starts[row]);
-        out.edges = vec![[[0; 2]; 2]; starts[out.rows] as usize];
+        (0..rows).for_each(|row| starts[row + 1] += starts[row]);
+        out.edges = vec![[[0; 2]; 2]; starts[rows] as usize];
         let mut next = starts.clone();
         for e in edges() {
             for row in span(&out, e) {
@@ -44,8 +50,7 @@ impl Cover {
     }
 
     fn row(&self, y: i32) -> usize {
-        let (low, high) = (i64::from(self.bounds.low[1]), i64::from(self.bounds.high[1]));
-        ((i64::from(y) - low) * self.rows as i64 / (high - low + 1)) as usize
+        ((i64::from(y) - i64::from(self.bounds.low[1])) >> self.shift) as usize
     }
 
     pub fn holds(&self, p: Point) -> bool {
@@ -55,13 +60,16 @@ impl Cover {
         let row = self.row(p[1]);
         let mut odd = false;
         for &[a, b] in &self.edges[self.starts[row] as usize..self.starts[row + 1] as usize] {
-            if on_segment(a, b, p) {
+            let (low, high) = if a[1] < b[1] { (a[1], b[1]) } else { (b[1], a[1]) };
+            if p[1] < low || high < p[1] || (a[0] < p[0] && b[0] < p[0]) {
+                continue;
+            }
+            let turn = orient(a, b, p);
+            if turn == 0 && a[0].min(b[0]) <= p[0] {
                 return true;
             }
-            if (a[1] > p[1]) != (b[1] > p[1]) {
-                // Left of an edge that goes up, right of one that goes down: the edge is to the right of the point.
-                odd ^= (orient(a, b, p) > 0) == (b[1] > a[1]);
-            }
+            // Left of an edge that goes up, right of one that goes down: the edge is to the right of the point.
+            odd ^= high > p[1] && (turn > 0) == (b[1] > a[1]);
         }
         odd
     }

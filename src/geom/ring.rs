@@ -28,13 +28,22 @@ pub fn edges_without_collinear(ring: &[Point]) -> usize {
 /// The convex ring around points: counter-clockwise from the lowest of the leftmost, without collinear vertices.
 /// Fewer than three points where they all lie on a line.
 pub fn convex_hull(points: &[Point]) -> Vec<Point> {
-    let mut sorted = points.to_vec();
+    let (mut sorted, mut hull) = (Vec::new(), Vec::with_capacity(16));
+    convex_hull_into(points, &mut sorted, &mut hull);
+    hull
+}
+
+/// [`convex_hull`] into `hull`; `sorted` is working memory.
+pub fn convex_hull_into(points: &[Point], sorted: &mut Vec<Point>, hull: &mut Vec<Point>) {
+    sorted.clear();
+    sorted.extend_from_slice(points);
     sorted.sort_unstable();
     sorted.dedup();
+    hull.clear();
     if sorted.len() < 3 {
-        return sorted;
+        hull.append(sorted);
+        return;
     }
-    let mut hull: Vec<Point> = Vec::with_capacity(16);
     // Lower chain, then upper chain; neither may drop what the other began with.
     for pass in 0..2 {
         let floor = hull.len().max(1);
@@ -51,7 +60,6 @@ pub fn convex_hull(points: &[Point]) -> Vec<Point> {
         }
     }
     hull.pop();
-    hull
 }
 
 /// Where a point lies.

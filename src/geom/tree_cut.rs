@@ -73,17 +73,17 @@ pub fn above(base: &[u32], parent: &[u32], root: u32) -> Vec<Item> {
     out
 }
 
-/// The cheapest cut: its nodes, ascending, and its price. `own` gives the price at which a node shows itself; a base
-/// node must have one.
-pub fn cheapest(items: &[Item], lambda: f64, mut own: impl FnMut(u32) -> Option<Price>) -> (Vec<u32>, Price) {
+/// The cheapest cut: places of its nodes in `items`, ascending, and its price. `own` gives the price at which the
+/// node of an item shows itself; a base node must have one.
+pub fn cheapest(items: &[Item], lambda: f64, mut own: impl FnMut(usize) -> Option<Price>) -> (Vec<u32>, Price) {
     let mut picked: Vec<u32> = Vec::new();
     // Of each finished subtree: its price, and how many nodes were picked before it.
     let mut done: Vec<(Price, usize)> = Vec::new();
-    for item in items {
-        let own = own(item.node);
+    for (i, item) in items.iter().enumerate() {
+        let own = own(i);
         if item.base {
             done.push((own.expect("a base node offers itself"), picked.len()));
-            picked.push(item.node);
+            picked.push(i as u32);
             continue;
         }
         let (right, _) = done.pop().expect("postorder");
@@ -92,7 +92,7 @@ pub fn cheapest(items: &[Item], lambda: f64, mut own: impl FnMut(u32) -> Option<
         match own {
             Some(own) if own.at_most(&split, lambda) => {
                 picked.truncate(start);
-                picked.push(item.node);
+                picked.push(i as u32);
                 done.push((own, start));
             }
             _ => done.push((split, start)),
@@ -103,15 +103,38 @@ pub fn cheapest(items: &[Item], lambda: f64, mut own: impl FnMut(u32) -> Option<
     (picked, price)
 }
 
+/// Fewest triangles of any cut; `own` as above, infinite worth: of what is shown nothing is asked.
+pub fn fewest(items: &[Item], mut own: impl FnMut(usize) -> Option<u64>) -> u64 {
+    let mut done: Vec<u64> = Vec::new();
+    for (i, item) in items.iter().enumerate() {
+        let own = own(i);
+        if item.base {
+            done.push(own.expect("a base node offers itself"));
+        } else {
+            let split = done.pop().expect("postorder") + done.pop().expect("postorder");
+            done.push(own.map_or(split, |own| own.min(split)));
+        }
+    }
+    done.pop().unwrap_or(0)
+}
+
 /// The smallest lambda found (to one part in 10^6) whose cheapest cut has at most `budget` triangles; infinite where
 /// not even the fewest triangles fit. `guess` is where the search begins: it moves no result by more than that part.
-pub fn spend(items: &[Item], budget: u64, guess: f64, own: impl Fn(u32, f64) -> Option<Price>) -> f64 {
+/// `own` as for [`cheapest`], and for any lambda.
+pub fn spend(items: &[Item], budget: u64, guess: f64, own: impl Fn(usize, f64) -> Option<Price>) -> f64 {
     const LEAST: f64 = 1e-6;
     const MOST: f64 = 1e12;
     let mut search = Search {
         work: items
             .iter()
-            .map(|&item| Work { item, settled: false, low: Price::default(), high: Price::default() })
+            .enumerate()
+            .map(|(i, item)| Work {
+                at: i as u32,
+                base: item.base,
+                settled: false,
+                low: Price::default(),
+                high: Price::default(),
+            })
             .collect(),
         found: Vec::with_capacity(items.len()),
         done: Vec::new(),
@@ -171,7 +194,9 @@ struct Search {
 
 #[derive(Clone, Copy)]
 struct Work {
-    item: Item,
+    /// Place of its item.
+    at: u32,
+    base: bool,
     settled: bool,
     /// Best price below it at the ends of the interval.
     low: Price,
@@ -180,18 +205,18 @@ struct Work {
 
 impl Search {
     /// Triangles of the cheapest cut.
-    fn sweep(&mut self, lambda: f64, own: &impl Fn(u32, f64) -> Option<Price>) -> u64 {
+    fn sweep(&mut self, lambda: f64, own: &impl Fn(usize, f64) -> Option<Price>) -> u64 {
         self.found.clear();
         self.done.clear();
         for w in &self.work {
             let price = if w.settled {
                 w.high
-            } else if w.item.base {
-                own(w.item.node, lambda).expect("a base node offers itself")
+            } else if w.base {
+                own(w.at as usize, lambda).expect("a base node offers itself")
             } else {
                 let right = self.done.pop().expect("postorder");
                 let split = self.done.pop().expect("postorder") + right;
-                match own(w.item.node, lambda) {
+                match own(w.at as usize, lambda) {
                     Some(own) if own.at_most(&split, lambda) => own,
                     _ => split,
                 }
@@ -217,7 +242,7 @@ impl Search {
         let mut starts: Vec<usize> = Vec::new();
         for w in &self.work {
             let mut start = kept.len();
-            if !w.settled && !w.item.base {
+            if !w.settled && !w.base {
                 starts.pop();
                 start = starts.pop().expect("postorder");
             }
@@ -283,22 +308,25 @@ mod tests {
             prop_assert_eq!(items.len(), size.len());
             let price = |cut: &Vec<u32>| cut.iter().map(|&x| own(x)).fold(Price::default(), |a, b| a + b);
             let cuts = all_cuts(root, &size);
+            // All nodes are items here, so places and nodes are the same.
+            let own_at = |i: usize| Some(own(i as u32));
 
-            let (picked, found) = cheapest(&items, lambda, |x| Some(own(x)));
+            let (picked, found) = cheapest(&items, lambda, own_at);
             prop_assert_eq!(price(&picked), found);
             let best = cuts.iter().map(|c| price(c).cost(lambda)).fold(f64::INFINITY, f64::min);
             prop_assert!((found.cost(lambda) - best).abs() < 1e-9);
 
-            let (_, few) = cheapest(&items, f64::INFINITY, |x| Some(own(x)));
+            let (_, few) = cheapest(&items, f64::INFINITY, own_at);
             prop_assert_eq!(few.triangles, cuts.iter().map(|c| price(c).triangles).min().unwrap());
+            prop_assert_eq!(fewest(&items, |i| Some(own(i as u32).triangles)), few.triangles);
 
             // The search agrees with the sweep, and a tenth less would not do.
-            let found = spend(&items, budget, 1.0, |x, _| Some(own(x)));
+            let found = spend(&items, budget, 1.0, |i, _| own_at(i));
             prop_assert_eq!(found.is_finite(), few.triangles <= budget);
             if found.is_finite() {
-                prop_assert!(cheapest(&items, found, |x| Some(own(x))).1.triangles <= budget);
+                prop_assert!(cheapest(&items, found, own_at).1.triangles <= budget);
                 let less = found * 0.9;
-                prop_assert!(less < 1e-6 || cheapest(&items, less, |x| Some(own(x))).1.triangles > budget);
+                prop_assert!(less < 1e-6 || cheapest(&items, less, own_at).1.triangles > budget);
             }
         }
     }

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use super::Limits;
 use super::city::City;
 use super::content::Content;
-use super::forms::{Form, Shape};
-use super::least_cut::{self, Choice, Offer, choose};
+use super::forms::{self, Form, Offers, Pen, Shape};
+use super::least_cut::{self, Choice, Offer, Table, choose};
 use super::levels::{self, Street};
 use super::originals::raised_bytes;
 use crate::geom::tree_cut::above;
@@ -18,10 +18,10 @@ pub struct Built {
     pub node: u32,
     pub children: Vec<Built>,
     pub is_leaf: bool,
-    /// In leaf order; a cluster before its landmarks.
+    /// In leaf order; a cluster before its landmarks. Of leaves nothing: they draw all originals.
     pub drawn: Vec<Drawn>,
-    /// Their geometry; made at the end for leaves, which draw what is there.
-    pub content: Option<Content>,
+    /// Their geometry; of leaves made at the end.
+    pub content: Content,
     pub triangles: u64,
     /// Measured here.
     pub error_space: f64,
@@ -33,8 +33,15 @@ pub struct Built {
     /// Buildings over which nothing stands, and street points that are built over.
     pub lost: u64,
     pub closed: Vec<u32>,
-    /// Nodes of the cut, landmarks not among them.
-    cut: Vec<u32>,
+    /// What the tile above begins with.
+    cut: Cut,
+}
+
+struct Cut {
+    /// Ascending, landmarks not among them.
+    nodes: Vec<u32>,
+    /// What the nodes from there up offer, where it was worked out.
+    offers: Vec<(u32, Offers)>,
     lambda: f64,
 }
 
@@ -42,8 +49,36 @@ pub struct Built {
 #[derive(Clone, Copy, Debug)]
 pub struct Drawn {
     pub node: u32,
-    pub form: Form,
+    pub triangles: u32,
+    pub shape: Shape,
     pub landmark: bool,
+    pub negative_space: f64,
+}
+
+impl Drawn {
+    fn new(node: u32, form: &Form, landmark: bool) -> Self {
+        let &Form { shape, triangles, negative_space, .. } = form;
+        Self { node, triangles, shape, landmark, negative_space }
+    }
+}
+
+impl Built {
+    pub fn feature_count(&self, city: &City) -> usize {
+        if self.is_leaf { city.size(self.node) } else { self.drawn.len() }
+    }
+
+    /// What it draws, in order.
+    pub fn features<'a>(&'a self, city: &'a City) -> impl Iterator<Item = Drawn> + 'a {
+        let originals = if self.is_leaf { city.places(self.node) } else { 0..0 };
+        let original = |place: usize| Drawn {
+            node: city.leaves[place],
+            triangles: city.originals.triangles[place],
+            shape: Shape::Original,
+            landmark: false,
+            negative_space: 0.0,
+        };
+        self.drawn.iter().copied().chain(originals.map(original))
+    }
 }
 
 /// Builds the tile over a node.
@@ -61,9 +96,8 @@ pub fn build(city: &City, street: &Street, limits: &Limits, x: u32) -> Built {
 }
 
 /// Leaf tiles hold originals: all that fit, or one building.
-fn fits_as_it_is(city: &City, limits: &Limits, x: u32) -> bool {
-    let x = x as usize;
-    city.is_leaf(x as u32) || (city.triangles[x] <= limits.triangles && city.bytes[x] <= limits.bytes)
+pub fn fits_as_it_is(city: &City, limits: &Limits, x: u32) -> bool {
+    city.is_leaf(x) || (city.triangles(x) <= limits.triangles && city.bytes(x) <= limits.bytes)
 }
 
 /// The tiles below an inner tile: its two halves, but where one half is small (under a quarter of the bound) the other
@@ -76,8 +110,7 @@ fn children(city: &City, limits: &Limits, x: u32) -> Vec<u32> {
         let small = beside < limits.triangles / 4;
         match city.children(y) {
             Some([l, r]) if y == x || (small && !fits_as_it_is(city, limits, y)) => {
-                let size = |c: u32| city.triangles[c as usize];
-                open.extend([(r, size(l)), (l, size(r))]);
+                open.extend([(r, city.triangles(l)), (l, city.triangles(r))]);
             }
             _ => out.push(y),
         }
@@ -86,56 +119,60 @@ fn children(city: &City, limits: &Limits, x: u32) -> Vec<u32> {
 }
 
 fn leaf(city: &City, limits: &Limits, x: u32) -> Built {
-    let cut: Vec<u32> = city.leaves[city.places(x)].to_vec();
-    let original = |&node: &u32| Drawn { node, form: city.forms(node)[0], landmark: false };
-    let drawn: Vec<Drawn> = cut.iter().map(original).collect();
-    let nothing = cut.iter().filter(|&&n| city.triangles[n as usize] == 0 || city.built(n) <= 0.0).count();
+    let nodes: Vec<u32> = city.leaves[city.places(x)].to_vec();
+    let nothing = nodes.iter().filter(|&&n| city.triangles(n) == 0 || city.built(n) <= 0.0).count();
     Built {
         node: x,
         children: Vec::new(),
         is_leaf: true,
-        content: None,
-        triangles: city.triangles[x as usize],
+        drawn: Vec::new(),
+        content: Content::default(),
+        triangles: city.triangles(x),
         error_space: 0.0,
         error_height: 0.0,
         error: 0.0,
-        exceeds: city.triangles[x as usize] > limits.triangles || city.bytes[x as usize] > limits.bytes,
+        exceeds: city.triangles(x) > limits.triangles || city.bytes(x) > limits.bytes,
         lost: nothing as u64,
         closed: Vec::new(),
-        drawn,
-        cut,
-        lambda: 0.0,
+        cut: Cut { nodes, offers: Vec::new(), lambda: 0.0 },
     }
 }
 
-fn inner(city: &City, street: &Street, limits: &Limits, x: u32, children: Vec<Built>) -> Built {
-    let base: Vec<u32> = children.iter().flat_map(|c| &c.cut).copied().collect();
-    let items = above(&base, &city.parent, x);
+fn inner(city: &City, street: &Street, limits: &Limits, x: u32, mut children: Vec<Built>) -> Built {
     let below: u64 = children.iter().map(|c| c.triangles).sum();
     let error_below = children.iter().map(|c| c.error).fold(0.0, f64::max);
-    let guess = children.iter().map(|c| c.lambda).fold(1.0, f64::max);
+    let guess = children.iter().map(|c| c.cut.lambda).fold(1.0, f64::max);
+    let (mut base, mut known) = (Vec::new(), Vec::new());
+    for child in &mut children {
+        base.append(&mut child.cut.nodes);
+        known.append(&mut child.cut.offers);
+        child.cut = Cut { nodes: Vec::new(), offers: Vec::new(), lambda: 0.0 };
+    }
+    let mut table = Table::new(city, above(&base, &city.parent, x), known);
 
     let mut most = limits.triangles.min(below / 2);
-    let mut choice = choose(city, &items, most, error_below, guess, limits.prefer);
+    let mut choice = choose(city, &mut table, most, error_below, guess, limits.prefer);
     if !choice.fits && most < limits.triangles {
         // Half of what lies below is out of reach for a few buildings: then the bound alone.
         most = limits.triangles;
-        choice = choose(city, &items, most, error_below, guess, limits.prefer);
+        choice = choose(city, &mut table, most, error_below, guess, limits.prefer);
     }
-    let mut drawn = drawn(city, &choice);
+    let (mut drawn, mut errors) = drawn(city, &table, &choice);
     let mut bytes = bytes_of(city, &drawn);
     while bytes > limits.bytes && choice.fits {
         most = (most as f64 * 0.95 * (limits.bytes as f64 / bytes as f64)) as u64;
-        choice = choose(city, &items, most, error_below, guess, limits.prefer);
-        drawn = self::drawn(city, &choice);
+        choice = choose(city, &mut table, most, error_below, guess, limits.prefer);
+        (drawn, errors) = self::drawn(city, &table, &choice);
         bytes = bytes_of(city, &drawn);
     }
+    let nodes: Vec<u32> = choice.picked.iter().map(|&i| table.items[i as usize].node).collect();
+    let lambda = if let Offer::Least { lambda, .. } = choice.offer { lambda } else { guess };
+    let cut = Cut { offers: table.left(city, &nodes), nodes, lambda };
 
-    let triangles = drawn.iter().map(|d| u64::from(d.form.triangles)).sum();
-    let largest = |f: fn(&Form) -> f64| drawn.iter().map(|d| f(&d.form)).fold(0.0, f64::max);
-    let (error_space, error_height) = (largest(|f| f.error_space), largest(|f| f.error_height));
-    let mut content = Content::default();
-    drawn.iter().for_each(|d| content.draw(city, d));
+    let triangles = drawn.iter().map(|d| u64::from(d.triangles)).sum();
+    let [error_space, error_height] = errors;
+    let (mut content, mut pen) = (Content::default(), Pen::default());
+    drawn.iter().for_each(|d| content.draw(city, d, &mut pen));
     let (lost, closed) = levels::covered(city, street, &drawn, &content.plans);
     Built {
         node: x,
@@ -149,47 +186,53 @@ fn inner(city: &City, street: &Street, limits: &Limits, x: u32, children: Vec<Bu
         lost,
         closed,
         drawn,
-        content: Some(content),
-        lambda: if let Offer::Least { lambda, .. } = choice.offer { lambda } else { guess },
-        cut: choice.nodes,
+        content,
+        cut,
     }
 }
 
-/// The features of a cut: each node in its form, its landmarks behind it.
-fn drawn(city: &City, choice: &Choice) -> Vec<Drawn> {
-    let mut out = Vec::with_capacity(choice.nodes.len());
-    for &node in &choice.nodes {
+/// The features of a cut: each node in its form, its landmarks behind it; and the largest errors, of space and height.
+fn drawn(city: &City, table: &Table, choice: &Choice) -> (Vec<Drawn>, [f64; 2]) {
+    let mut out = Vec::with_capacity(choice.picked.len());
+    let (mut space, mut height) = (0.0f64, 0.0f64);
+    let mut add = |node: u32, form: &Form, landmark: bool| {
+        space = space.max(form.error_space);
+        height = height.max(form.error_height);
+        out.push(Drawn::new(node, form, landmark));
+    };
+    let alone = |place: usize, form: usize| city.alone(place).nth(form).expect("a form of this building");
+    for i in choice.picked.iter().map(|&i| i as usize) {
+        let node = table.items[i].node;
         match choice.offer {
+            Offer::Fewest if city.is_leaf(node) => add(node, &alone(city.first(node), 0), false),
             Offer::Fewest => {
-                let form = city.forms(node)[0];
-                out.push(Drawn { node, form, landmark: false });
+                let form = forms::ring(city, node);
+                add(node, &form, false);
                 city.marks.taller(city.places(node), form.limit, |place| {
-                    let node = city.leaves[place];
-                    out.push(Drawn { node, form: city.forms(node)[0], landmark: true });
+                    add(city.leaves[place], &alone(place, 0), true);
                 });
             }
             Offer::Least { lambda, most_error } => {
-                let (form, _) = least_cut::best(city, node, lambda, most_error).expect("it was chosen");
-                let form = city.forms(node)[form];
-                out.push(Drawn { node, form, landmark: false });
+                let (form, _) = least_cut::best(city, table, i, lambda, most_error).expect("it was chosen");
+                let form = table.form(city, i, form);
+                add(node, &form, false);
                 if city.is_leaf(node) {
                     continue;
                 }
-                for (place, form) in least_cut::landmarks(city, node, &form, lambda, most_error) {
-                    let node = city.leaves[place];
-                    out.push(Drawn { node, form: city.forms(node)[form], landmark: true });
+                for (place, form) in least_cut::landmarks(city, table, i, &form, lambda, most_error) {
+                    add(city.leaves[place], &alone(place, form), true);
                 }
             }
         }
     }
-    out
+    (out, [space, height])
 }
 
 /// Upper bound of a content's bytes.
 fn bytes_of(city: &City, drawn: &[Drawn]) -> u64 {
-    let one = |d: &Drawn| match d.form.shape {
-        Shape::Original => city.bytes[d.node as usize],
-        _ => raised_bytes(d.form.triangles),
+    let one = |d: &Drawn| match d.shape {
+        Shape::Original => city.bytes(d.node),
+        _ => raised_bytes(d.triangles),
     };
     4096 + drawn.iter().map(one).sum::<u64>()
 }

@@ -1,14 +1,13 @@
 //! The inputs as tables that a sweep can run over: buildings in leaf order, clusters in postorder.
 
-use std::sync::OnceLock;
-
 use rayon::prelude::*;
 
 use crate::artifact::{Dendrogram, Footprints, Hulls, Landmarks};
 use crate::geom::Point;
+use crate::geom::extremes::Extremes;
 
 use super::error;
-use super::forms::{self, Form, Offers};
+use super::forms::{Alone, Form};
 use super::originals::Originals;
 
 /// Everything that tiles are made from. A *node* is a place in the postorder of the dendrogram: the right child of
@@ -24,20 +23,25 @@ pub struct City<'a> {
     /// Dendrogram cluster of each node.
     pub cluster: Vec<u32>,
     pub parent: Vec<u32>,
-    /// Triangles and bytes of all originals below each node.
-    pub triangles: Vec<u64>,
-    pub bytes: Vec<u64>,
     /// Of each node's ring with its landmarks: error, and triangles with the landmarks as they are.
     pub ring_error: Vec<f64>,
     pub ring_triangles: Vec<u64>,
 
+    /// Triangles and bytes of all originals before each place, and of all.
+    triangles: Vec<u64>,
+    bytes: Vec<u64>,
     /// By place: side of the square of the footprint's area, metres; roof above zero.
     pub side: Vec<f64>,
     pub roof: Vec<f64>,
+    /// Extremes of roofs and of heights.
+    pub roofs: Extremes,
+    pub heights: Extremes,
+    /// Some corner of its outline; one that no ring holds where it has none.
+    pub corner: Vec<Point>,
     /// Node of each place.
     pub leaves: Vec<u32>,
-    /// Forms of each node, made when first asked for.
-    offers: Vec<OnceLock<Offers>>,
+    /// In what each building may be drawn.
+    alone: Alone,
 }
 
 impl<'a> City<'a> {
@@ -51,42 +55,41 @@ impl<'a> City<'a> {
     ) -> Self {
         let cluster = tree.postorder();
         let (parent, leaves) = tree.postorder_parents(&cluster);
-        let area = |&b: &u32| footprints.area_m2(b as usize);
+        let roof: Vec<f64> = marks.order.iter().map(|&b| footprints.top[b as usize]).collect();
         let mut city = Self {
             footprints,
             hulls,
             marks,
             skyline,
-            originals,
             parent,
-            triangles: Vec::new(),
-            bytes: Vec::new(),
             ring_error: Vec::new(),
             ring_triangles: Vec::new(),
-            side: marks.order.par_iter().map(|b| area(b).sqrt()).collect(),
-            roof: marks.order.iter().map(|&b| footprints.top[b as usize]).collect(),
+            triangles: before(&originals.triangles),
+            bytes: before(&originals.bytes),
+            originals,
+            side: marks.order.par_iter().map(|&b| footprints.area_m2(b as usize).sqrt()).collect(),
+            roofs: Extremes::of(&roof),
+            heights: Extremes::of(&marks.height),
+            roof,
+            corner: Vec::new(),
             leaves,
-            offers: (0..cluster.len()).map(|_| OnceLock::new()).collect(),
             cluster,
+            alone: Alone::default(),
         };
-        for x in 0..city.cluster.len() {
-            let (triangles, bytes) = match city.children(x as u32) {
-                None => {
-                    let place = city.first(x as u32);
-                    (u64::from(city.originals.triangles[place]), u64::from(city.originals.bytes[place]))
-                }
-                Some([l, r]) => (
-                    city.triangles[l as usize] + city.triangles[r as usize],
-                    city.bytes[l as usize] + city.bytes[r as usize],
-                ),
-            };
-            city.triangles.push(triangles);
-            city.bytes.push(bytes);
-        }
-        let rings: Vec<(f64, u64)> =
-            (0..city.cluster.len() as u32).into_par_iter().map(|x| error::of_ring(&city, x)).collect();
-        (city.ring_error, city.ring_triangles) = rings.into_iter().unzip();
+        let corner = |place| city.outline(place).flatten().next().copied().unwrap_or([i32::MIN; 2]);
+        city.corner = (0..city.leaves.len()).into_par_iter().map(corner).collect();
+        let nodes = city.cluster.len() as u32;
+        let (mut errors, mut triangles) = (Vec::new(), Vec::new());
+        let ring = |x| error::of_ring(&city, x);
+        (0..nodes).into_par_iter().map(ring).unzip_into_vecs(&mut errors, &mut triangles);
+        (city.ring_error, city.ring_triangles) = (errors, triangles);
         city
+    }
+
+    /// Works out the forms of single buildings, without which only leaves can be made.
+    pub fn with_forms(mut self) -> Self {
+        self.alone = Alone::new(&self);
+        self
     }
 
     pub fn root(&self) -> u32 {
@@ -108,6 +111,16 @@ impl<'a> City<'a> {
     pub fn children(&self, x: u32) -> Option<[u32; 2]> {
         (!self.is_leaf(x)).then(|| [x - 2 * self.size(x - 1) as u32, x - 1])
     }
+    /// Triangles of all originals below a node.
+    pub fn triangles(&self, x: u32) -> u64 {
+        let places = self.places(x);
+        self.triangles[places.end] - self.triangles[places.start]
+    }
+    /// Bytes of them.
+    pub fn bytes(&self, x: u32) -> u64 {
+        let places = self.places(x);
+        self.bytes[places.end] - self.bytes[places.start]
+    }
     /// Height of a node's block above its ground.
     pub fn height(&self, x: u32) -> f64 {
         self.hulls.height[self.cluster[x as usize] as usize]
@@ -123,8 +136,10 @@ impl<'a> City<'a> {
     pub fn built(&self, x: u32) -> f64 {
         (self.hulls.area_m2[self.cluster[x as usize] as usize] - self.negative_space(x)).max(0.0)
     }
-    pub fn ring(&self, x: u32) -> Vec<Point> {
-        self.hulls.points(self.cluster[x as usize] as usize).collect()
+    /// A node's ring.
+    pub fn ring(&self, x: u32, out: &mut Vec<Point>) {
+        out.clear();
+        out.extend(self.hulls.points(self.cluster[x as usize] as usize));
     }
     /// Row of the building at a place.
     pub fn building(&self, place: usize) -> usize {
@@ -135,11 +150,18 @@ impl<'a> City<'a> {
         let polygons = &self.footprints.polygons;
         polygons.polygons_of(self.building(place)).flat_map(|p| polygons.rings_of(p)).map(|r| polygons.ring(r))
     }
-    pub fn offers(&self, x: u32) -> &Offers {
-        self.offers[x as usize].get_or_init(|| forms::of(self, x))
+    /// The forms of the building at a place; the first is the original.
+    pub fn alone(&self, place: usize) -> impl ExactSizeIterator<Item = Form> {
+        self.alone.forms(self, place)
     }
-    /// The forms that a node may be drawn in; the first is the truest (the original, or the ring).
-    pub fn forms(&self, x: u32) -> &[Form] {
-        &self.offers(x).forms
-    }
+}
+
+/// Sums of all before each, and of all.
+fn before(all: &[u32]) -> Vec<u64> {
+    let mut sum = 0;
+    let next = |&v: &u32| {
+        sum += u64::from(v);
+        sum
+    };
+    std::iter::once(0).chain(all.iter().map(next)).collect()
 }

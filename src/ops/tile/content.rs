@@ -2,7 +2,7 @@
 
 use super::build::Drawn;
 use super::city::City;
-use super::forms::{self, Shape};
+use super::forms::{self, Pen, Shape};
 use crate::artifact::{Shapes, buildings};
 
 /// Features in order: one shape each in `plans` and in `solids`, one of them empty.
@@ -16,9 +16,9 @@ pub struct Content {
 
 impl Content {
     /// Puts a feature behind the others. Of solids the ground is left out, as of plans.
-    pub fn draw(&mut self, city: &City, d: &Drawn) {
+    pub fn draw(&mut self, city: &City, d: &Drawn, pen: &mut Pen) {
         let place = city.first(d.node);
-        match (d.form.shape, city.originals.solid(place)) {
+        match (d.shape, city.originals.solid(place)) {
             (Shape::Original, Some((all, geometry))) => {
                 let surfaces = &all.surfaces;
                 for p in surfaces.polygons_of(geometry).filter(|&p| all.semantics[p] != buildings::GROUND) {
@@ -35,7 +35,7 @@ impl Content {
                 }
             }
             (shape, _) => {
-                self.plans.push_ring(&forms::plan(city, d.node, shape));
+                self.plans.push_ring(forms::plan(city, d.node, shape, pen));
                 self.plans.end_polygon();
             }
         }

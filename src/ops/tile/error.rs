@@ -1,5 +1,7 @@
 //! The error of what is drawn, measured in metres.
 
+use std::ops::Range;
+
 use super::city::City;
 use crate::geom::bounds::{Bounds, shown_error};
 
@@ -18,17 +20,33 @@ pub fn limit(city: &City, x: u32, e0: f64) -> f64 {
     city.height(x) + city.skyline * e0
 }
 
-/// Height difference between a node's block and a member: heights above the own ground, or roofs, whichever differ
-/// more (on slopes they are not the same).
-pub fn off(city: &City, x: u32, place: usize) -> f64 {
+/// Largest height difference between a node's block and its members not taller than `limit`: of heights above the own
+/// ground, or of roofs, whichever differ more (on slopes they are not the same). Shows the others, in order.
+pub fn of_heights(city: &City, x: u32, limit: f64, mut landmark: impl FnMut(usize)) -> f64 {
     let (height, roof) = (city.height(x), city.ground(x) + city.height(x));
-    (city.marks.height[place] - height).abs().max((city.roof[place] - roof).abs())
+    let off = |[low, high]: [f64; 2], own: f64| (low - own).abs().max((high - own).abs());
+    let mut worst = 0.0f64;
+    let mut among = |range: Range<usize>| {
+        if !range.is_empty() {
+            worst = worst.max(off(city.heights.within(&city.marks.height, range.clone()), height));
+            worst = worst.max(off(city.roofs.within(&city.roof, range), roof));
+        }
+    };
+    let places = city.places(x);
+    let mut from = places.start;
+    city.marks.taller(places.clone(), limit, |place| {
+        among(from..place);
+        landmark(place);
+        from = place + 1;
+    });
+    among(from..places.end);
+    worst
 }
 
 /// Error of a node's ring, and its triangles together with its landmarks' as they are. Of a leaf: of the original.
 pub fn of_ring(city: &City, x: u32) -> (f64, u64) {
     if city.is_leaf(x) {
-        return (0.0, city.triangles[x as usize]);
+        return (0.0, city.triangles(x));
     }
     let cluster = city.cluster[x as usize] as usize;
     if city.hulls.ring(cluster).len() < 3 {
@@ -37,14 +55,8 @@ pub fn of_ring(city: &City, x: u32) -> (f64, u64) {
     }
     let ring = Bounds::of(city.hulls.points(cluster));
     let e0 = e0(city.negative_space(x), ring, city.height(x));
-    let limit = limit(city, x, e0);
-    let (mut error, mut triangles) = (e0, u64::from(super::forms::prism(city.hulls.ring(cluster).len())));
-    for place in city.places(x) {
-        if city.marks.height[place] > limit {
-            triangles += u64::from(city.originals.triangles[place]);
-        } else {
-            error = error.max(off(city, x, place));
-        }
-    }
-    (error, triangles)
+    let mut triangles = u64::from(super::forms::prism(city.hulls.ring(cluster).len()));
+    let height =
+        of_heights(city, x, limit(city, x, e0), |place| triangles += u64::from(city.originals.triangles[place]));
+    (e0.max(height), triangles)
 }

@@ -8,14 +8,82 @@
 //! Only forms whose error is at most the tile's E compete, and E is the smallest for which the cut of the fewest
 //! triangles (the source's: rings, landmarks as they are) fits the budget.
 
+use rayon::prelude::*;
+
 use super::city::City;
-use super::forms::{Form, Shape};
-use crate::geom::tree_cut::{Item, Prefer, Price, cheapest, spend};
+use super::forms::{Form, Offers, Pen, Shape};
+use crate::geom::tree_cut::{self, Item, Prefer, Price, cheapest, spend};
+
+/// The nodes that a tile's cut is made of, and what they offer.
+pub struct Table {
+    pub items: Vec<Item>,
+    /// Of each item that is a single building its place; `u32::MAX` of clusters.
+    place: Vec<u32>,
+    /// Of clusters, worked out when first needed.
+    offers: Vec<Option<Offers>>,
+}
+
+impl Table {
+    /// `known`: offers that were worked out before, ascending by node; nodes that are no items are none.
+    pub fn new(city: &City, items: Vec<Item>, known: Vec<(u32, Offers)>) -> Self {
+        let place = |i: &Item| if city.is_leaf(i.node) { city.first(i.node) as u32 } else { u32::MAX };
+        let mut offers: Vec<Option<Offers>> = items.iter().map(|_| None).collect();
+        for (node, offer) in known {
+            if let Ok(i) = items.binary_search_by_key(&node, |i| i.node) {
+                offers[i] = Some(offer);
+            }
+        }
+        Self { place: items.iter().map(place).collect(), items, offers }
+    }
+
+    /// Works out what clusters with an error of at most `most_error` offer.
+    pub fn fill(&mut self, city: &City, most_error: f64) {
+        let is_missing = |&i: &usize| {
+            self.place[i] == u32::MAX
+                && self.offers[i].is_none()
+                && city.ring_error[self.items[i].node as usize] <= most_error
+        };
+        let missing: Vec<usize> = (0..self.items.len()).filter(is_missing).collect();
+        let found: Vec<Offers> = missing
+            .par_iter()
+            .with_min_len(16)
+            .map_init(Pen::default, |pen, &i| Offers::of(city, self.items[i].node, pen))
+            .collect();
+        missing.into_iter().zip(found).for_each(|(i, offer)| self.offers[i] = Some(offer));
+    }
+
+    /// What the tile above may ask for again: offers of the cut and of what lies above it.
+    pub fn left(self, city: &City, cut: &[u32]) -> Vec<(u32, Offers)> {
+        let mut next = cut.iter().peekable();
+        let mut out = Vec::new();
+        for (item, offer) in self.items.iter().zip(self.offers) {
+            while next.peek().is_some_and(|&&c| c < item.node) {
+                next.next();
+            }
+            // Below a node of the cut: in its subtree.
+            let below = next.peek().is_some_and(|&&c| c != item.node && item.node + 2 * city.size(c) as u32 > c + 1);
+            out.extend(offer.filter(|_| !below).map(|o| (item.node, o)));
+        }
+        out
+    }
+
+    /// The forms of an item, and its place if it is a single building. A cluster's must be known.
+    pub fn form(&self, city: &City, i: usize, form: usize) -> Form {
+        match self.place[i] {
+            u32::MAX => self.known(i).forms[form],
+            place => city.alone(place as usize).nth(form).expect("a form of this building"),
+        }
+    }
+
+    fn known(&self, i: usize) -> &Offers {
+        self.offers[i].as_ref().expect("filled up to this error")
+    }
+}
 
 /// A cut of a tile's subtree.
 pub struct Choice {
-    /// Ascending nodes.
-    pub nodes: Vec<u32>,
+    /// Places in the table's items, ascending.
+    pub picked: Vec<u32>,
     pub offer: Offer,
     /// False where not even the fewest triangles fit the budget.
     pub fits: bool,
@@ -30,58 +98,72 @@ pub enum Offer {
     Least { lambda: f64, most_error: f64 },
 }
 
-/// The cut of `items` within `budget`. No error below `error_floor` is aimed at (what lies below has that error
-/// already); `guess` is where the search for lambda begins.
-pub fn choose(city: &City, items: &[Item], budget: u64, error_floor: f64, guess: f64, prefer: Prefer) -> Choice {
-    let fewest = |most_error: f64| {
-        cheapest(items, f64::INFINITY, |x| {
-            let offered = city.is_leaf(x) || city.ring_error[x as usize] <= most_error;
-            offered.then(|| Price { triangles: city.ring_triangles[x as usize], shown: 0.0 })
+/// The cut of the table's items within `budget`. No error below `error_floor` is aimed at (what lies below has that
+/// error already); `guess` is where the search for lambda begins.
+pub fn choose(
+    city: &City,
+    table: &mut Table,
+    budget: u64,
+    error_floor: f64,
+    guess: f64,
+    prefer: Prefer,
+) -> Choice {
+    let rings: Vec<(f64, u64)> = table
+        .items
+        .iter()
+        .zip(&table.place)
+        .map(|(i, &place)| {
+            let error = if place == u32::MAX { city.ring_error[i.node as usize] } else { f64::NEG_INFINITY };
+            (error, city.ring_triangles[i.node as usize])
         })
-    };
-    let mut errors: Vec<f64> = items.iter().map(|i| city.ring_error[i.node as usize]).collect();
+        .collect();
+    let mut errors: Vec<f64> = rings.iter().map(|r| r.0).collect();
     errors.retain(|&e| e > error_floor && e.is_finite());
     errors.push(error_floor);
     errors.sort_unstable_by(f64::total_cmp);
     errors.dedup();
     // More errors allowed never mean more triangles.
-    let enough = errors.partition_point(|&e| fewest(e).1.triangles > budget);
+    let within = |i: usize, most_error: f64| (rings[i].0 <= most_error).then_some(rings[i].1);
+    let fewest = |most_error: f64| tree_cut::fewest(&table.items, |i| within(i, most_error));
+    let enough = errors.partition_point(|&e| fewest(e) > budget);
     let (most_error, fits) = match errors.get(enough) {
         Some(&e) => (e, true),
         None => (errors[errors.len() - 1], false),
     };
     if fits && prefer == Prefer::LeastError {
-        let lambda = spend(items, budget, guess, |x, lambda| price(city, x, lambda, most_error));
+        table.fill(city, most_error);
+        let lambda = spend(&table.items, budget, guess, |i, lambda| price(city, table, i, lambda, most_error));
         // The search adds up in another order: what it found may miss by a triangle's breadth.
         let mut lambda = lambda;
         while lambda.is_finite() {
-            let (nodes, total) = cheapest(items, lambda, |x| price(city, x, lambda, most_error));
+            let (picked, total) = cheapest(&table.items, lambda, |i| price(city, table, i, lambda, most_error));
             if total.triangles <= budget {
-                return Choice { nodes, offer: Offer::Least { lambda, most_error }, fits };
+                return Choice { picked, offer: Offer::Least { lambda, most_error }, fits };
             }
             lambda *= 1.0 + 1e-6;
         }
     }
-    Choice { nodes: fewest(most_error).0, offer: Offer::Fewest, fits }
+    let ring = |i| within(i, most_error).map(|triangles| Price { triangles, shown: 0.0 });
+    Choice { picked: cheapest(&table.items, f64::INFINITY, ring).0, offer: Offer::Fewest, fits }
 }
 
 /// Triangles of the simplest form there is: a prism over a triangle.
 const FEWEST: f64 = 7.0;
 
-/// The price of showing a node itself; none where its error is too large. Single buildings always have one.
-pub fn price(city: &City, x: u32, lambda: f64, most_error: f64) -> Option<Price> {
-    best(city, x, lambda, most_error).map(|(_, p)| p)
+/// The price of showing an item itself; none where its error is too large. Single buildings always have one.
+pub fn price(city: &City, table: &Table, i: usize, lambda: f64, most_error: f64) -> Option<Price> {
+    best(city, table, i, lambda, most_error).map(|(_, p)| p)
 }
 
-/// The best form of a node, as a place in its forms.
-pub fn best(city: &City, x: u32, lambda: f64, most_error: f64) -> Option<(usize, Price)> {
-    if city.is_leaf(x) {
-        return Some(draw(city, x, lambda, most_error));
+/// The best form of an item, as a place in its forms. The table is filled up to `most_error`.
+pub fn best(city: &City, table: &Table, i: usize, lambda: f64, most_error: f64) -> Option<(usize, Price)> {
+    if table.place[i] != u32::MAX {
+        return Some(draw(city, table.place[i], lambda, most_error));
     }
-    if city.ring_error[x as usize] > most_error {
+    if city.ring_error[table.items[i].node as usize] > most_error {
         return None;
     }
-    let offers = city.offers(x);
+    let offers = table.known(i);
     // Members that may be drawn: those that some form forces out, and those whose hiding costs more than any drawing
     // (no form has fewer triangles than a prism over a triangle).
     let free = offers.rest.partition_point(|&(hidden, _)| hidden > FEWEST * lambda);
@@ -92,7 +174,7 @@ pub fn best(city: &City, x: u32, lambda: f64, most_error: f64) -> Option<(usize,
     }
     for &(hidden, place) in offers.forced.iter().chain(&offers.rest[..free]) {
         let hidden = Price { triangles: 0, shown: hidden };
-        let (_, drawn) = draw(city, city.leaves[place as usize], lambda, most_error);
+        let (_, drawn) = draw(city, place, lambda, most_error);
         let better = if hidden.at_most(&drawn, lambda) { hidden } else { drawn };
         for (sum, form) in sums.iter_mut().zip(&offers.forms) {
             *sum = *sum + if city.marks.height[place as usize] > form.limit { drawn } else { better };
@@ -103,14 +185,21 @@ pub fn best(city: &City, x: u32, lambda: f64, most_error: f64) -> Option<(usize,
     allowed.map(|i| (i, sums[i])).reduce(|best, other| if best.1.at_most(&other.1, lambda) { best } else { other })
 }
 
-/// The members of a node drawn in a form that are drawn beside it, in leaf order, and in which of their forms.
-pub fn landmarks(city: &City, x: u32, form: &Form, lambda: f64, most_error: f64) -> Vec<(usize, usize)> {
-    let offers = city.offers(x);
+/// The members of a cluster drawn in a form that are drawn beside it, in leaf order, and in which of their forms.
+pub fn landmarks(
+    city: &City,
+    table: &Table,
+    i: usize,
+    form: &Form,
+    lambda: f64,
+    most_error: f64,
+) -> Vec<(usize, usize)> {
+    let offers = table.known(i);
     let free = offers.rest.partition_point(|&(hidden, _)| hidden > FEWEST * lambda);
     let drawn = offers.forced.iter().chain(&offers.rest[..free]).filter_map(|&(hidden, place)| {
-        let place = place as usize;
-        let (best, drawn) = draw(city, city.leaves[place], lambda, most_error);
+        let (best, drawn) = draw(city, place, lambda, most_error);
         let hidden = Price { triangles: 0, shown: hidden };
+        let place = place as usize;
         (city.marks.height[place] > form.limit || !hidden.at_most(&drawn, lambda)).then_some((place, best))
     });
     let mut out: Vec<(usize, usize)> = drawn.collect();
@@ -119,9 +208,9 @@ pub fn landmarks(city: &City, x: u32, form: &Form, lambda: f64, most_error: f64)
 }
 
 /// The best form of a single building; its original is always allowed.
-pub fn draw(city: &City, leaf: u32, lambda: f64, most_error: f64) -> (usize, Price) {
+fn draw(city: &City, place: u32, lambda: f64, most_error: f64) -> (usize, Price) {
     let mut best: Option<(usize, Price)> = None;
-    for (i, form) in city.forms(leaf).iter().enumerate() {
+    for (i, form) in city.alone(place as usize).enumerate() {
         if form.shape != Shape::Original && form.error() > most_error {
             continue;
         }

@@ -72,6 +72,7 @@ fn sorted(cells: usize, all: &[(usize, u32)]) -> (Vec<u32>, Vec<u32>) {
 impl Street {
     pub fn of(footprints: &Footprints) -> Self {
         let boxes: Vec<Bounds> = (0..footprints.len()).into_par_iter().map(|i| around(footprints, i)).collect();
+        let is_street = |near: &[u32], p| is_street(footprints, &boxes, near, p);
         let all = boxes.iter().filter(|b| !b.is_empty()).flat_map(|b| [b.low, b.high]);
         let bounds = Bounds::of(all);
         if bounds.is_empty() {
@@ -102,7 +103,7 @@ impl Street {
                     let h = mix(mix(c as u64) ^ i as u64);
                     let part = [h & 0xffff_ffff, h >> 32].map(|v| ((v as u128 * grid.cell as u128) >> 32) as i64);
                     let p = [0, 1].map(|k| (i64::from(grid.low[k]) + low[k] as i64 * grid.cell + part[k]) as i32);
-                    is_street(footprints, in_cell(c), p).then_some((c, p))
+                    is_street(in_cell(c), p).then_some((c, p))
                 })
             })
             .collect();
@@ -143,11 +144,11 @@ fn around(footprints: &Footprints, i: usize) -> Bounds {
     Bounds { low: b.low.map(|v| v - reach), high: b.high.map(|v| v + reach) }
 }
 
-/// True where the nearest of these buildings is 4 to 25 m away.
-fn is_street(footprints: &Footprints, near: &[u32], p: Point) -> bool {
+/// True where the nearest of these buildings is 4 to 25 m away; `boxes` reach 25 m around each.
+fn is_street(footprints: &Footprints, boxes: &[Bounds], near: &[u32], p: Point) -> bool {
     let polygons = &footprints.polygons;
     let mut nearest = i64::MAX;
-    for &b in near {
+    for &b in near.iter().filter(|&&b| boxes[b as usize].contains(p)) {
         let rings = polygons.polygons_of(b as usize).flat_map(|g| polygons.rings_of(g)).map(|r| polygons.ring(r));
         let mut odd = false;
         for ring in rings {
@@ -203,7 +204,7 @@ pub fn covered(city: &City, street: &Street, drawn: &[Drawn], plans: &Shapes<Poi
             lost += 1;
         }
         // Originals stand on their own ground, 4 m and more from any street point.
-        if matches!(d.form.shape, Shape::Original | Shape::Footprint) || (alone && !street.is_near(plans.shells(i))) {
+        if matches!(d.shape, Shape::Original | Shape::Footprint) || (alone && !street.is_near(plans.shells(i))) {
             continue;
         }
         let cover = Cover::new(plans.shells(i));
@@ -214,7 +215,10 @@ pub fn covered(city: &City, street: &Street, drawn: &[Drawn], plans: &Shapes<Poi
         let landmarks = drawn[i + 1..].iter().take_while(|d| d.landmark).map(|d| city.first(d.node));
         let mut beside = landmarks.peekable();
         for place in city.places(d.node) {
-            if beside.next_if_eq(&place).is_none() && !city.outline(place).flatten().any(|&p| cover.holds(p)) {
+            if beside.next_if_eq(&place).is_none()
+                && !cover.holds(city.corner[place])
+                && !city.outline(place).flatten().any(|&p| cover.holds(p))
+            {
                 lost += 1;
             }
         }
@@ -226,21 +230,21 @@ pub fn covered(city: &City, street: &Street, drawn: &[Drawn], plans: &Shapes<Poi
 
 /// True where something of a single building's form stands over it.
 fn stands(city: &City, d: &Drawn) -> bool {
-    match d.form.shape {
-        Shape::Rectangle => d.form.negative_space < 2.0 * city.built(d.node),
-        _ => d.form.triangles > 0 && city.built(d.node) > 0.0,
+    match d.shape {
+        Shape::Rectangle => d.negative_space < 2.0 * city.built(d.node),
+        _ => d.triangles > 0 && city.built(d.node) > 0.0,
     }
 }
 
 /// The report: level d is the whole city as tiles of depth d show it, and leaves above that depth.
-pub fn report(root: &Built, street: &Street) -> Vec<Level> {
+pub fn report(city: &City, root: &Built, street: &Street) -> Vec<Level> {
     let mut out = Vec::new();
     let mut shown: Vec<&Built> = vec![root];
     loop {
         let mut level = Level { depth: out.len() as u32, tiles: shown.len() as u32, ..Level::default() };
         let mut closed = vec![false; street.points.len()];
         for t in &shown {
-            level.features += t.drawn.len() as u64;
+            level.features += t.feature_count(city) as u64;
             level.triangles += t.triangles;
             level.error_max = level.error_max.max(t.error);
             level.lost += t.lost;

@@ -45,7 +45,7 @@ use crate::op::{Ctx, Op};
 use build::{Built, Drawn};
 use city::City;
 use content::Content;
-use forms::Shape;
+use forms::{Pen, Shape};
 use levels::Street;
 use originals::Originals;
 
@@ -120,9 +120,11 @@ impl Op for Tile {
         let street = Street::of(footprints);
         let limits =
             Limits { triangles: self.max_triangles, bytes: self.max_bytes, prefer: self.prefer, stop: ctx.stop };
+        let city = if build::fits_as_it_is(&city, &limits, city.root()) { city } else { city.with_forms() };
+        ctx.check()?;
         let root = build::build(&city, &street, &limits, city.root());
         ctx.check()?;
-        let (tree, exceeding) = flatten(&city, &street, &root);
+        let (tree, exceeding) = flatten(&city, &street, root);
         ctx.report.fact("exceeding", exceeding);
         ctx.report.fact("extruded", if input.buildings.is_some() { missing } else { n });
         ctx.report.fact("street_points", street.points.len());
@@ -155,73 +157,89 @@ fn moved<'a>(solids: &'a Buildings, footprints: &Footprints) -> Result<std::borr
 }
 
 /// The tiles in preorder with their features, and how many exceed a bound.
-fn flatten(city: &City, street: &Street, root: &Built) -> (TileTree, usize) {
-    let mut tiles: Vec<(&Built, u32)> = Vec::new();
+fn flatten(city: &City, street: &Street, root: Built) -> (TileTree, usize) {
+    let levels = levels::report(city, &root, street);
+    let mut tiles: Vec<Built> = Vec::new();
+    let mut parent = Vec::new();
     let mut open = vec![(root, u32::MAX)];
-    while let Some((t, parent)) = open.pop() {
+    while let Some((mut t, above)) = open.pop() {
         let me = tiles.len() as u32;
-        tiles.push((t, parent));
-        open.extend(t.children.iter().rev().map(|c| (c, me)));
+        open.extend(std::mem::take(&mut t.children).into_iter().rev().map(|c| (c, me)));
+        tiles.push(t);
+        parent.push(above);
     }
+    let mut tile_features = vec![0];
+    for t in &tiles {
+        tile_features.push(tile_features[tile_features.len() - 1] + t.feature_count(city) as u32);
+    }
+    let mut drawn: Vec<Drawn> = Vec::with_capacity(tile_features[tiles.len()] as usize);
+    tiles.iter().for_each(|t| drawn.extend(t.features(city)));
+    tiles.iter_mut().for_each(|t| t.drawn = Vec::new());
+    let each = |of: &(dyn Fn(&Drawn) -> f64 + Sync)| drawn.par_iter().map(of).collect::<Vec<f64>>();
+    let heights = |d: &Drawn| city.heights.within(&city.marks.height, city.places(d.node));
     let mut out = TileTree {
         frame: city.footprints.frame.clone(),
-        parent: tiles.iter().map(|t| t.1).collect(),
-        error: tiles.iter().map(|t| t.0.error).collect(),
-        error_negative_space: tiles.iter().map(|t| t.0.error_space).collect(),
-        error_height: tiles.iter().map(|t| t.0.error_height).collect(),
-        source_first: tiles.iter().map(|t| city.first(t.0.node) as u32).collect(),
-        source_count: tiles.iter().map(|t| city.size(t.0.node) as u32).collect(),
-        tile_features: vec![0],
-        is_leaf: tiles.iter().map(|t| t.0.is_leaf).collect(),
-        feature_first: Vec::new(),
-        feature_count: Vec::new(),
-        landmark: Vec::new(),
-        footprint_area_m2: Vec::new(),
-        height_min: Vec::new(),
-        height_max: Vec::new(),
-        negative_space_m2: Vec::new(),
-        base: Vec::new(),
-        top: Vec::new(),
+        parent,
+        error: tiles.iter().map(|t| t.error).collect(),
+        error_negative_space: tiles.iter().map(|t| t.error_space).collect(),
+        error_height: tiles.iter().map(|t| t.error_height).collect(),
+        source_first: tiles.iter().map(|t| city.first(t.node) as u32).collect(),
+        source_count: tiles.iter().map(|t| city.size(t.node) as u32).collect(),
+        tile_features,
+        is_leaf: tiles.iter().map(|t| t.is_leaf).collect(),
+        feature_first: drawn.iter().map(|d| city.first(d.node) as u32).collect(),
+        feature_count: drawn.iter().map(|d| city.size(d.node) as u32).collect(),
+        landmark: drawn.iter().map(|d| d.landmark).collect(),
+        footprint_area_m2: each(&|d| city.built(d.node)),
+        height_min: each(&|d| heights(d)[0]),
+        height_max: each(&|d| heights(d)[1]),
+        negative_space_m2: each(&|d| d.negative_space),
+        base: each(&|d| stands(city, d)[0]),
+        top: each(&|d| stands(city, d)[1]),
         plans: Shapes::default(),
         solids: Shapes::default(),
         semantics: Vec::new(),
         ids: city.marks.order.iter().map(|&b| city.footprints.ids.get(b as usize)).collect(),
         attributes: city.footprints.attributes.select(&city.marks.order),
-        levels: levels::report(root, street),
+        levels,
     };
-    for t in &tiles {
-        out.tile_features.push(out.tile_features[out.tile_features.len() - 1] + t.0.drawn.len() as u32);
-    }
-    let drawn: Vec<&Drawn> = tiles.iter().flat_map(|t| &t.0.drawn).collect();
-    out.feature_first = drawn.iter().map(|d| city.first(d.node) as u32).collect();
-    out.feature_count = drawn.iter().map(|d| city.size(d.node) as u32).collect();
-    out.landmark = drawn.iter().map(|d| d.landmark).collect();
-    out.footprint_area_m2 = drawn.iter().map(|d| city.built(d.node)).collect();
-    out.negative_space_m2 = drawn.iter().map(|d| d.form.negative_space).collect();
-    let stands: Vec<[f64; 2]> = drawn.par_iter().map(|d| stands(city, d)).collect();
-    (out.base, out.top) = stands.into_iter().map(|[base, top]| (base, top)).unzip();
-    let heights: Vec<[f64; 2]> = drawn.par_iter().map(|d| heights(city, d.node)).collect();
-    (out.height_min, out.height_max) = heights.into_iter().map(|[low, high]| (low, high)).unzip();
-    for (tile, _) in &tiles {
-        match &tile.content {
-            Some(content) => {
-                out.plans.append(&content.plans);
-                out.solids.append(&content.solids);
-                out.semantics.extend(&content.semantics);
-            }
-            None => {
-                let mut content = Content { plans: out.plans, solids: out.solids, semantics: out.semantics };
-                tile.drawn.iter().for_each(|d| content.draw(city, d));
-                (out.plans, out.solids, out.semantics) = (content.plans, content.solids, content.semantics);
-            }
+    let exceeding = tiles.iter().filter(|t| t.exceeds).count();
+    let mut all = room(city, &tiles, drawn.len());
+    let mut pen = Pen::default();
+    let mut drawn = &drawn[..];
+    for (t, ends) in tiles.into_iter().zip(out.tile_features.windows(2)) {
+        let (own, others) = drawn.split_at((ends[1] - ends[0]) as usize);
+        if t.is_leaf {
+            own.iter().for_each(|d| all.draw(city, d, &mut pen));
+        } else {
+            all.plans.append(&t.content.plans);
+            all.solids.append(&t.content.solids);
+            all.semantics.extend(&t.content.semantics);
         }
+        drawn = others;
     }
-    (out, tiles.iter().filter(|t| t.0.exceeds).count())
+    (out.plans, out.solids, out.semantics) = (all.plans, all.solids, all.semantics);
+    (out, exceeding)
+}
+
+/// A content with room for all that tiles draw, so that it need not grow: of leaves all footprints, once.
+fn room(city: &City, tiles: &[Built], features: usize) -> Content {
+    let mut out = Content::default();
+    let inner = |of: fn(&Shapes<[i32; 2]>) -> usize| tiles.iter().map(|t| of(&t.content.plans)).sum::<usize>();
+    let leaves = &city.footprints.polygons;
+    out.plans.shapes.reserve_exact(features);
+    out.solids.shapes.reserve_exact(features);
+    if city.originals.buildings.is_none() {
+        out.plans.polygons.reserve_exact(inner(|s| s.polygons.len()) + leaves.polygons.len());
+        out.plans.rings.reserve_exact(inner(|s| s.rings.len()) + leaves.rings.len());
+        out.plans.points.reserve_exact(inner(|s| s.points.len()) + leaves.points.len());
+    }
+    out
 }
 
 /// Between which heights a feature stands.
 fn stands(city: &City, d: &Drawn) -> [f64; 2] {
-    match (d.form.shape, city.originals.solid(city.first(d.node))) {
+    match (d.shape, city.originals.solid(city.first(d.node))) {
         (Shape::Original, Some((all, geometry))) => {
             let rings = all.surfaces.polygons_of(geometry).flat_map(|p| all.surfaces.rings_of(p));
             let heights = rings.flat_map(|r| all.surfaces.ring(r)).map(|p| f64::from(p[2]) / 1000.0);
@@ -233,12 +251,6 @@ fn stands(city: &City, d: &Drawn) -> [f64; 2] {
         }
         _ => [city.ground(d.node), city.ground(d.node) + city.height(d.node)],
     }
-}
-
-/// Lowest and highest of a node's buildings.
-fn heights(city: &City, x: u32) -> [f64; 2] {
-    let all = &city.marks.height[city.places(x)];
-    all.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], &v| [l.min(v), h.max(v)])
 }
 
 #[cfg(test)]

@@ -23,10 +23,9 @@ pub struct Originals<'a> {
 }
 
 /// Triangles of walls and roof over a polygon's rings, or several polygons' (an upper bound there).
-pub fn raised(rings: impl ExactSizeIterator<Item = usize>) -> u32 {
-    let holes = rings.len().saturating_sub(1) as u32;
-    let edges: usize = rings.sum();
-    (3 * edges as u32 + 2 * holes).saturating_sub(2)
+pub fn raised(rings: impl Iterator<Item = usize>) -> u32 {
+    let (count, edges) = rings.fold((0u32, 0), |(count, edges), ring| (count + 1, edges + ring));
+    (3 * edges as u32 + 2 * count.saturating_sub(1)).saturating_sub(2)
 }
 
 /// Bytes of an extruded feature of so many triangles: flat walls need four vertices an edge, the roof one.
@@ -57,9 +56,8 @@ impl<'a> Originals<'a> {
                 }
             }
             let polygons = &footprints.polygons;
-            let rings: Vec<usize> =
-                polygons.polygons_of(row).flat_map(|p| polygons.rings_of(p)).map(|r| polygons.ring(r).len()).collect();
-            let triangles = raised(rings.into_iter());
+            let rings = polygons.polygons_of(row).flat_map(|p| polygons.rings_of(p));
+            let triangles = raised(rings.map(|r| polygons.ring(r).len()));
             (u32::MAX, triangles, raised_bytes(triangles) as u32 + attributes, 0.0)
         };
         let all: Vec<(u32, u32, u32, f64)> = marks.order.par_iter().map(one).collect();

@@ -1,5 +1,6 @@
 //! Small cities that can be checked by brute force.
 
+use super::least_cut::Table;
 use super::*;
 use crate::artifact::sections::Encoder;
 use crate::artifact::toy::{self, Toy};
@@ -39,7 +40,19 @@ fn bytes(tree: &TileTree) -> Vec<u8> {
 
 fn city(toy: &Toy) -> City<'_> {
     let originals = Originals::new(&toy.footprints, &toy.landmarks, None);
-    City::new(&toy.footprints, &toy.dendrogram, &toy.hulls, &toy.landmarks, originals, 0.2)
+    City::new(&toy.footprints, &toy.dendrogram, &toy.hulls, &toy.landmarks, originals, 0.2).with_forms()
+}
+
+fn forms_of(city: &City, x: u32) -> Vec<forms::Form> {
+    if city.is_leaf(x) {
+        return city.alone(city.first(x)).collect();
+    }
+    forms::Offers::of(city, x, &mut Pen::default()).forms
+}
+
+/// All nodes of a city.
+fn table(city: &City) -> Table {
+    Table::new(city, tree_cut::above(&city.leaves, &city.parent, city.root()), Vec::new())
 }
 
 /// Every cut below a node.
@@ -60,14 +73,14 @@ fn price_by_hand(city: &City, x: u32, lambda: f64, most: f64) -> Option<Price> {
     let cheaper = |a: Price, b: Price| if cost(&b) < cost(&a) { b } else { a };
     let own = |f: &forms::Form| Price { triangles: f.triangles.into(), shown: 0.6 * f.negative_space };
     let alone = |leaf: u32| {
-        let allowed = city.forms(leaf).iter().filter(|f| f.shape == Shape::Original || f.error() <= most);
-        allowed.map(own).reduce(cheaper).unwrap()
+        let allowed = forms_of(city, leaf).into_iter().filter(|f| f.shape == Shape::Original || f.error() <= most);
+        allowed.map(|f| own(&f)).reduce(cheaper).unwrap()
     };
     if city.is_leaf(x) {
         return Some(alone(x));
     }
     let mut best = None;
-    for form in city.forms(x).iter().filter(|f| f.error() <= most) {
+    for form in forms_of(city, x).iter().filter(|f| f.error() <= most) {
         let mut sum = own(form);
         for place in city.places(x) {
             let above = city.marks.height[place] - city.height(x);
@@ -95,11 +108,14 @@ fn the_least_cut_is_the_least_of_all_cuts() {
         let n = 1 + seed % 9;
         let toy = toy(n, seed);
         let city = city(&toy);
-        let items = tree_cut::above(&city.leaves, &city.parent, city.root());
+        let mut table = table(&city);
         let cuts = all_cuts(&city, city.root());
         for most in [0.0, 8.0, 15.0, 25.0, 1e9] {
+            table.fill(&city, most);
             for lambda in [0.01, 0.5, 2.0, 10.0, 300.0] {
-                let (cut, found) = tree_cut::cheapest(&items, lambda, |x| least_cut::price(&city, x, lambda, most));
+                let own = |i| least_cut::price(&city, &table, i, lambda, most);
+                // All nodes are items, so places and nodes are the same.
+                let (cut, found) = tree_cut::cheapest(&table.items, lambda, own);
                 let price = |cut: &[u32]| {
                     let prices = cut.iter().map(|&x| price_by_hand(&city, x, lambda, most));
                     prices.reduce(|a, b| Some(a? + b?)).flatten().map(|p| p.cost(lambda))
@@ -108,8 +124,9 @@ fn the_least_cut_is_the_least_of_all_cuts() {
                 assert!((found.cost(lambda) - best).abs() < 1e-9 * best.max(1.0), "{seed} {most} {lambda}");
                 assert!((price(&cut).unwrap() - best).abs() < 1e-9 * best.max(1.0));
                 for &x in cut.iter().filter(|&&x| !city.is_leaf(x)) {
-                    let (form, _) = least_cut::best(&city, x, lambda, most).unwrap();
-                    landmarks += least_cut::landmarks(&city, x, &city.forms(x)[form], lambda, most).len();
+                    let (form, _) = least_cut::best(&city, &table, x as usize, lambda, most).unwrap();
+                    let form = table.form(&city, x as usize, form);
+                    landmarks += least_cut::landmarks(&city, &table, x as usize, &form, lambda, most).len();
                 }
             }
         }
@@ -122,14 +139,14 @@ fn the_budget_is_kept_and_the_error_is_the_smallest_that_can() {
     for seed in 0..20 {
         let toy = toy(8, seed);
         let city = city(&toy);
-        let items = tree_cut::above(&city.leaves, &city.parent, city.root());
+        let mut table = table(&city);
         let cuts = all_cuts(&city, city.root());
         for budget in [20, 40, 60, 90, 120] {
             let fewest = |most: f64| {
                 let allowed = cuts.iter().filter(|c| c.iter().all(|&x| city.ring_error[x as usize] <= most));
                 allowed.map(|c| c.iter().map(|&x| city.ring_triangles[x as usize]).sum::<u64>()).min()
             };
-            let choice = least_cut::choose(&city, &items, budget, 0.0, 1.0, Prefer::LeastError);
+            let choice = least_cut::choose(&city, &mut table, budget, 0.0, 1.0, Prefer::LeastError);
             let smallest = city.ring_error.iter().copied().filter(|&e| fewest(e).unwrap() <= budget);
             let smallest = smallest.fold(f64::INFINITY, f64::min);
             assert_eq!(choice.fits, smallest.is_finite());
@@ -139,7 +156,8 @@ fn the_budget_is_kept_and_the_error_is_the_smallest_that_can() {
             };
             assert_eq!(most_error, smallest);
             let total = |lambda: f64| {
-                tree_cut::cheapest(&items, lambda, |x| least_cut::price(&city, x, lambda, smallest)).1.triangles
+                let own = |i| least_cut::price(&city, &table, i, lambda, smallest);
+                tree_cut::cheapest(&table.items, lambda, own).1.triangles
             };
             assert!(total(lambda) <= budget);
             assert!(lambda < 2e-6 || total(lambda * 0.99) > budget || total(lambda) == total(lambda * 0.99));
@@ -154,14 +172,15 @@ fn forms_are_what_they_say() {
         let toy = toy(24, seed);
         let city = city(&toy);
         for x in 0..=city.root() {
-            let ring = city.ring(x);
-            for form in city.forms(x) {
+            let (mut ring, mut pen) = (Vec::new(), Pen::default());
+            city.ring(x, &mut ring);
+            for form in &forms_of(&city, x) {
                 seen[form.shape as usize] += 1;
                 if form.shape == Shape::Original {
                     assert_eq!((form.negative_space, form.error()), (0.0, 0.0));
                     continue;
                 }
-                let plan = forms::plan(&city, x, form.shape);
+                let plan = forms::plan(&city, x, form.shape, &mut pen).to_vec();
                 assert_eq!(form.triangles as usize, 3 * plan.len() - 2);
                 let cover = Cover::new(std::iter::once(&plan[..]));
                 if form.shape == Shape::Rectangle {
