@@ -220,9 +220,8 @@ fn of_building(city: &City, place: usize, pen: &mut Pen, out: &mut Vec<Brief>) {
     out.push(form(Shape::Original, most, 0.0, bounds));
     let mut add = |f: Brief| {
         let error = |f: &Brief| f.error_space.max(if f.shape == Shape::Original { 0.0 } else { off });
-        let beats = |g: &Brief| {
-            g.triangles <= f.triangles && g.negative_space <= f.negative_space && error(g) <= error(&f)
-        };
+        let beats =
+            |g: &Brief| g.triangles <= f.triangles && g.negative_space <= f.negative_space && error(g) <= error(&f);
         if !out[first..].iter().any(beats) {
             out.push(f);
         }

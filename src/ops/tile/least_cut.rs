@@ -100,14 +100,7 @@ pub enum Offer {
 
 /// The cut of the table's items within `budget`. No error below `error_floor` is aimed at (what lies below has that
 /// error already); `guess` is where the search for lambda begins.
-pub fn choose(
-    city: &City,
-    table: &mut Table,
-    budget: u64,
-    error_floor: f64,
-    guess: f64,
-    prefer: Prefer,
-) -> Choice {
+pub fn choose(city: &City, table: &mut Table, budget: u64, error_floor: f64, guess: f64, prefer: Prefer) -> Choice {
     let rings: Vec<(f64, u64)> = table
         .items
         .iter()
