@@ -14,6 +14,7 @@ pub mod gap;
 pub mod globe;
 pub mod mercator;
 pub mod merge_rings;
+pub mod near_boxes;
 pub mod nearest;
 pub mod outer_hull;
 pub mod outline;

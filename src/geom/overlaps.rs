@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::Point;
+use super::near_boxes;
 use super::predicates::{orient, segments_cross, segments_meet};
 use super::ring::doubled_area;
 use super::segments::{Rect, Segment, edges, near_pairs};
@@ -30,25 +31,32 @@ pub type Polygons<'a, 'f> = &'f (dyn Fn(usize) -> Vec<Polygon<'a>> + Sync);
 /// For every cluster what its children's unions cover both, doubled square millimetres: area of the union =
 /// sum over both children - this. `area` and `polygons` are of the buildings by place.
 pub fn covered_twice<'a>(tree: &Tree, area: &[f64], polygons: Polygons<'a, '_>) -> Vec<f64> {
+    let of_groups: Vec<Vec<(u32, f64)>> =
+        groups(area.len(), polygons).par_iter().map(|group| of_group(tree, area, polygons, group)).collect();
     let mut out = vec![0.0; tree.size.len()];
-    for group in groups(area.len(), polygons) {
-        // Excess of the sum of the areas over the union, by cluster: at every place where members come together.
-        let mut excess: BTreeMap<(u32, u32), f64> = BTreeMap::new();
-        let mut joins: Vec<u32> = group.windows(2).map(|w| common(tree, w[0], w[1])).collect();
-        joins.sort_unstable_by_key(|&c| (tree.size[c as usize], c));
-        joins.dedup();
-        for cluster in joins {
-            let (from, size) = (tree.first[cluster as usize], tree.size[cluster as usize]);
-            let below = &group[group.partition_point(|&p| p < from)..group.partition_point(|&p| p < from + size)];
-            let all: Vec<Polygon> = below.iter().flat_map(|&p| polygons(p as usize)).collect();
-            let sum: f64 = below.iter().map(|&p| area[p as usize]).sum();
-            let now = sum - doubled_union_area(&all);
-            // Members that came together further down: their excess is known there.
-            let inner: Vec<(u32, u32)> = excess.range((from, 0)..(from + size, 0)).map(|(k, _)| *k).collect();
-            let before: f64 = inner.iter().map(|k| excess.remove(k).unwrap_or(0.0)).sum();
-            out[cluster as usize] += now - before;
-            excess.insert((from, size), now);
-        }
+    of_groups.iter().flatten().for_each(|&(cluster, twice)| out[cluster as usize] += twice);
+    out
+}
+
+/// What the buildings at these places cover twice, by cluster.
+fn of_group(tree: &Tree, area: &[f64], polygons: Polygons, group: &[u32]) -> Vec<(u32, f64)> {
+    let mut out = Vec::new();
+    // Excess of the sum of the areas over the union, by cluster: at every place where members come together.
+    let mut excess: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+    let mut joins: Vec<u32> = group.windows(2).map(|w| common(tree, w[0], w[1])).collect();
+    joins.sort_unstable_by_key(|&c| (tree.size[c as usize], c));
+    joins.dedup();
+    for cluster in joins {
+        let (from, size) = (tree.first[cluster as usize], tree.size[cluster as usize]);
+        let below = &group[group.partition_point(|&p| p < from)..group.partition_point(|&p| p < from + size)];
+        let all: Vec<Polygon> = below.iter().flat_map(|&p| polygons(p as usize)).collect();
+        let sum: f64 = below.iter().map(|&p| area[p as usize]).sum();
+        let now = sum - doubled_union_area(&all);
+        // Members that came together further down: their excess is known there.
+        let inner: Vec<(u32, u32)> = excess.range((from, 0)..(from + size, 0)).map(|(k, _)| *k).collect();
+        let before: f64 = inner.iter().map(|k| excess.remove(k).unwrap_or(0.0)).sum();
+        out.push((cluster, now - before));
+        excess.insert((from, size), now);
     }
     out
 }
@@ -64,23 +72,9 @@ fn common(tree: &Tree, p: u32, q: u32) -> u32 {
 
 /// Places that overlap each other, directly or through others; sorted, by first place.
 fn groups(n: usize, polygons: Polygons) -> Vec<Vec<u32>> {
-    let boxes: Vec<Segment> = (0..n)
-        .into_par_iter()
-        .map(|p| {
-            let rect = Rect::of(polygons(p).iter().flat_map(|q| q.shell.iter().copied()));
-            if rect == Rect::EMPTY { [[i32::MAX; 2]; 2] } else { [rect.low, rect.high] }
-        })
-        .collect();
-    let mut pairs: Vec<(u32, u32)> = Vec::new();
-    near_pairs(&boxes, &boxes, |i, j| {
-        let ([a, b], [c, d]) = (boxes[i as usize], boxes[j as usize]);
-        if i < j && a[0] < d[0] && c[0] < b[0] && a[1] < d[1] && c[1] < b[1] {
-            pairs.push((i, j));
-        }
-        false
-    });
-    pairs.sort_unstable();
-    pairs.dedup();
+    let outline = |p: usize| Rect::of(polygons(p).iter().flat_map(|q| q.shell.iter().copied()));
+    let boxes: Vec<Rect> = (0..n).into_par_iter().map(outline).collect();
+    let pairs = near_boxes::overlapping(&boxes);
     let true_pairs: Vec<(u32, u32)> = pairs
         .into_par_iter()
         .filter(|&(i, j)| {
@@ -112,6 +106,9 @@ fn groups(n: usize, polygons: Polygons) -> Vec<Vec<u32>> {
 
 /// True where the insides of two outlines share a point; touching is not enough. Exact for simple outlines.
 pub fn overlap(r: &[Point], s: &[Point]) -> bool {
+    if parts(r, s) || parts(s, r) {
+        return false;
+    }
     let (a, b): (Vec<Segment>, Vec<Segment>) = (edges(r).collect(), edges(s).collect());
     let mut touching = false;
     let crossing = near_pairs(&a, &b, |i, j| {
@@ -126,6 +123,11 @@ pub fn overlap(r: &[Point], s: &[Point]) -> bool {
     let one = |ring| doubled_union_area(&[Polygon { shell: ring, holes: Vec::new() }]);
     let both = [r, s].map(|shell| Polygon { shell, holes: Vec::new() });
     one(r) + one(s) - doubled_union_area(&both) > 0.5
+}
+
+/// True where an edge of the counter-clockwise outline `r` lies on a line between the two.
+fn parts(r: &[Point], s: &[Point]) -> bool {
+    edges(r).any(|[a, b]| a != b && s.iter().all(|&p| orient(a, b, p) <= 0) && r.iter().all(|&p| orient(a, b, p) >= 0))
 }
 
 /// True where the outline winds around a point that is not on it.
