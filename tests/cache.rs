@@ -145,13 +145,27 @@ fn damage_in_the_cache_reaches_no_output() {
     }
 }
 
+/// Flips a bit of each of these objects, in whichever pack.
+fn damage_objects(cache: &std::path::Path, objects: &[lodge::digest::Digest]) {
+    use std::os::unix::fs::FileExt;
+    for entry in fs::read_dir(cache.join("packs")).unwrap() {
+        let file = fs::File::options().read(true).write(true).open(entry.unwrap().path()).unwrap();
+        let frames = lodge::run::pack::scan(&file, 0).unwrap().frames;
+        for frame in frames.iter().filter(|f| objects.contains(&f.name)) {
+            let mut byte = [0];
+            file.read_exact_at(&mut byte, frame.at).unwrap();
+            file.write_all_at(&[byte[0] ^ 1], frame.at).unwrap();
+        }
+    }
+}
+
 #[test]
 fn a_lost_object_in_the_middle_is_made_again() {
     let home = tempfile::tempdir().unwrap();
     let mut yard = Yard::diamond(home.path());
-    yard.set("left", "more", json!(3000));
-    yard.ran();
-    fs::remove_dir_all(home.path().join(".lodge/objects")).unwrap();
+    let outcome = yard.run();
+    let lost = outcome.nodes[1].record.as_ref().unwrap().digest;
+    damage_objects(&home.path().join(".lodge"), &[lost]);
     yard.set("both", "add", json!(5));
     let outcome = yard.run();
     assert!(outcome.ok() && !outcome.warnings.is_empty());
@@ -388,8 +402,10 @@ fn verify_finds_and_mends() {
     let home = tempfile::tempdir().unwrap();
     let mut yard = Yard::diamond(home.path());
     yard.set("right", "more", json!(1000));
+    yard.node("large", "toy-add", json!({"more": 600_000}), &[]);
     yard.ran();
     let cache = home.path().join(".lodge");
+    assert!(cache.join("objects").exists());
     let look = || verify(&Store::open(&cache).unwrap());
     assert!(look().is_clean(), "{:?}", look());
     for (name, bytes) in tree(&cache).into_iter().filter(|f| f.0.contains('/')).step_by(3) {

@@ -51,17 +51,19 @@ fn stat(place: &Place, globals: &Globals) -> Outcome {
     let found = verify::stat(&place.cache);
     if globals.json {
         super::print(&json!({"cache": place.cache, "objects": found.objects, "object_bytes": found.object_bytes,
-            "packs": found.packs, "pack_bytes": found.pack_bytes, "results": found.results,
+            "packs": found.packs, "pack_bytes": found.pack_bytes, "packed_objects": found.packed_objects,
+            "results": found.results,
             "other_bytes": found.other_bytes, "bytes": found.bytes()}));
         return Ok(Exit::Done);
     }
     super::say(&format!(
-        "{}\n  {} results\n  {} objects, {}\n  {} packs of results and small objects, {}\n  other, {}\n  together {}\n",
+        "{}\n  {} results\n  {} large objects, {}\n  {} packs of results and {} objects, {}\n  other, {}\n  together {}\n",
         place.cache.display(),
         found.results,
         found.objects,
         size(found.object_bytes),
         found.packs,
+        found.packed_objects,
         size(found.pack_bytes),
         size(found.other_bytes),
         size(found.bytes())

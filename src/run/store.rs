@@ -3,8 +3,8 @@
 //!
 //! ```text
 //! CACHEDIR.TAG, .gitignore
-//! objects/ab/cdef..   an artifact or blob, named by the BLAKE3 hash of its bytes
-//! packs/*.pack        results, and objects up to 4 KiB: one file per run (`pack`)
+//! objects/ab/cdef..   a large artifact or blob, named by the BLAKE3 hash of its bytes
+//! packs/*.pack        results, and objects up to 4 MiB: one file per run (`pack`)
 //! locks               claims (`lock`)
 //! tmp/RUN/            files before they have a name; gone with the run
 //! plans/, published/, runs/   what `plan`, `publish` and `last` keep
@@ -26,8 +26,8 @@ use super::record::Record;
 use crate::artifact::Blob;
 use crate::digest::Digest;
 
-/// Objects up to this size lie in packs.
-pub const SMALL: u64 = 4096;
+/// Objects up to this size lie in packs: the tiles of a tileset, thousands of them, take one file.
+pub const SMALL: u64 = 1 << 22;
 /// Pieces in which files are hashed and copied: less makes BLAKE3 slow.
 pub const PIECE: usize = 1 << 18;
 
@@ -206,7 +206,7 @@ impl Store {
     }
 
     pub fn put_result(&self, record: &Record) -> io::Result<()> {
-        self.append(What::Result, &record.key, &record.to_bytes())?;
+        self.append(What::Result, &record.key, &[record.to_bytes()])?;
         self.index.lock().unwrap().dropped.remove(&record.key);
         Ok(())
     }
@@ -221,14 +221,18 @@ impl Store {
         id != self.id && self.locks.as_ref().is_some_and(|l| l.is_held(id))
     }
 
-    /// Puts a whole pack in place of a damaged one of a run that has ended.
-    pub fn replace_pack(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        if bytes.is_empty() {
+    /// Writes a damaged pack of a run that has ended again, with what is `good` of it.
+    pub fn replace_pack(&self, path: &Path, file: &File, good: &[Frame]) -> io::Result<()> {
+        if good.is_empty() {
             return fs::remove_file(path);
         }
         let fresh = self.fresh();
-        fs::write(&fresh, bytes)?;
-        fs::rename(&fresh, path)
+        let mut pack = Appender::new(OpenOptions::new().write(true).create_new(true).open(&fresh)?);
+        let copied = good.iter().try_for_each(|frame| {
+            let body = pack::read(file, frame)?;
+            pack.append(frame.what, &frame.name, &[body]).map(drop)
+        });
+        copied.and_then(|()| fs::rename(&fresh, path)).inspect_err(|_| _ = fs::remove_file(&fresh))
     }
 
     // ----------------------------------------------------------------------------------------------- objects
@@ -244,7 +248,7 @@ impl Store {
             return Ok(blob);
         }
         if bytes <= SMALL {
-            self.append(What::Object, &digest, &pieces.concat())?;
+            self.append(What::Object, &digest, pieces)?;
             return Ok(blob);
         }
         let fresh = self.fresh();
@@ -330,11 +334,6 @@ impl Store {
         std::mem::take(&mut self.index.lock().unwrap().troubles)
     }
 
-    /// The file of a large object, to be cloned by the file system.
-    pub fn path_of(&self, digest: &Digest) -> Option<PathBuf> {
-        self.places(digest).into_iter().find(|p| fs::symlink_metadata(p).is_ok_and(|m| m.is_file()))
-    }
-
     fn places(&self, digest: &Digest) -> Vec<PathBuf> {
         let roots = if self.overlay.is_some() { vec![&self.write, &self.root] } else { vec![&self.root] };
         roots.into_iter().map(|root| object_path(root, digest)).collect()
@@ -352,7 +351,7 @@ impl Store {
         }
     }
 
-    fn append(&self, what: What, name: &Digest, body: &[u8]) -> io::Result<()> {
+    fn append(&self, what: What, name: &Digest, body: &[impl AsRef<[u8]>]) -> io::Result<()> {
         let mut own = self.own.lock().unwrap();
         if own.is_none() {
             let path = self.write.join("packs").join(format!("{:016x}.pack", self.id));
@@ -429,7 +428,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         let other = Store::open(folder.path()).unwrap();
-        let (small, large) = (vec![1; 10], vec![2; 10_000]);
+        let (small, large) = (vec![1; 10], vec![2; SMALL as usize + 1]);
         let digests = [put(&store, &small), put(&store, &large)];
         other.refresh().unwrap();
         for store in [&store, &other, &Store::open(folder.path()).unwrap()] {
@@ -443,16 +442,24 @@ mod tests {
     #[test]
     fn a_damaged_object_is_gone_and_can_be_put_again() {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).unwrap();
-        let bytes = vec![3; 5000];
-        let digest = put(&store, &bytes);
-        let path = store.path_of(&digest).unwrap();
-        fs::remove_file(&path).unwrap();
-        fs::write(&path, vec![4; 5000]).unwrap();
-        assert_eq!(store.get(&digest), None);
-        assert!(!path.exists());
-        assert_eq!(put(&store, &bytes), digest);
-        assert_eq!(store.get(&digest), Some(bytes));
+        for bytes in [vec![3; 5000], vec![3; SMALL as usize + 1]] {
+            let store = Store::open(folder.path()).unwrap();
+            let digest = put(&store, &bytes);
+            let path = object_path(folder.path(), &digest);
+            let pack = store.write.join("packs").join(format!("{:016x}.pack", store.id));
+            let file = if bytes.len() as u64 > SMALL { &path } else { &pack };
+            let mut bad = fs::read(file).unwrap();
+            *bad.last_mut().unwrap() ^= 1;
+            fs::remove_file(file).unwrap();
+            fs::write(file, bad).unwrap();
+            let store = Store::open(folder.path()).unwrap();
+            assert_eq!(store.get(&digest), None);
+            assert!(!path.exists());
+            assert_eq!(put(&store, &bytes), digest);
+            for store in [&store, &Store::open(folder.path()).unwrap()] {
+                assert_eq!(store.get(&digest).as_ref(), Some(&bytes));
+            }
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::folder::open;
-use super::pack::{self, What};
+use super::pack::{self, Frame, What};
 use super::record::Record;
 use super::store::Store;
 use super::{last, plan, publish, stamp};
@@ -20,6 +20,8 @@ pub struct Stat {
     pub object_bytes: u64,
     pub packs: u64,
     pub pack_bytes: u64,
+    /// In packs.
+    pub packed_objects: u64,
     pub results: u64,
     pub other_bytes: u64,
 }
@@ -43,7 +45,9 @@ pub fn stat(root: &Path) -> Stat {
                 let scan = open(&path).and_then(|f| pack::scan(&f, 0)).unwrap_or_default();
                 out.packs += 1;
                 out.pack_bytes += bytes;
-                out.results += scan.frames.iter().filter(|f| f.what == What::Result).count() as u64;
+                let results = scan.frames.iter().filter(|f| f.what == What::Result).count() as u64;
+                out.results += results;
+                out.packed_objects += scan.frames.len() as u64 - results;
             }
             _ => out.other_bytes += bytes,
         }
@@ -121,7 +125,7 @@ pub fn verify(store: &Store) -> Found {
             found.changed.push(format!("{what}, of a run that is still at work"));
             continue;
         }
-        match store.replace_pack(&path, &good.bytes) {
+        match store.replace_pack(&path, &good.file, &good.frames) {
             Ok(()) => found.evicted.push(what),
             Err(e) => found.unrepaired.push(format!("{what}: {e}")),
         }
@@ -196,8 +200,10 @@ fn object(name: &str, path: &Path) -> Object {
     }
 }
 
+/// What of a pack is as it should be.
 struct Good {
-    bytes: Vec<u8>,
+    file: fs::File,
+    frames: Vec<Frame>,
     damaged: usize,
     lost: u64,
 }
@@ -206,21 +212,20 @@ fn pack(path: &Path, found: &mut Found) -> Option<Good> {
     let file = open(path).ok()?;
     let size = file.metadata().ok()?.len();
     let scan = pack::scan(&file, 0).ok()?;
-    let mut good = Good { bytes: Vec::new(), damaged: 0, lost: scan.lost + (size - scan.end) };
+    let lost = scan.lost + (size - scan.end);
     found.bytes += size;
-    for frame in scan.frames {
-        found.checked += 1;
-        let body = pack::read(&file, &frame).ok()?;
-        let fits = match frame.what {
+    found.checked += scan.frames.len() as u64;
+    let fits = |frame: &Frame| {
+        let body = pack::read(&file, frame).ok()?;
+        Some(match frame.what {
             What::Object => Digest::of(&body) == frame.name,
             What::Result => Record::of_bytes(&body, &frame.name).is_some(),
-        };
-        match fits {
-            true => good.bytes.extend(pack::frame(frame.what, &frame.name, &body)),
-            false => good.damaged += 1,
-        }
-    }
-    Some(good)
+        })
+    };
+    let fits: Vec<bool> = scan.frames.par_iter().map(fits).collect::<Option<_>>()?;
+    let all = scan.frames.len();
+    let frames: Vec<Frame> = scan.frames.into_iter().zip(fits).filter(|f| f.1).map(|f| f.0).collect();
+    Some(Good { file, damaged: all - frames.len(), frames, lost })
 }
 
 fn hex(text: &str) -> Option<u64> {
