@@ -85,16 +85,17 @@ impl<'a, 'o> Loop<'a, 'o> {
                     .filter(|&n| self.slots[n].state == State::Done && self.graph.nodes[n].output.is_some())
                     .filter_map(|n| Some((n, self.slots[n].record.clone()?)))
                     .collect();
-                let found = publish::publish(self.graph, &ready, out, &self.store, self.options.verify, self.observer);
+                let found = publish::publish(self.graph, &ready, out, &self.store, self.options, self.observer);
                 outcome.files = found.files;
                 outcome.errors = found.errors;
+                outcome.interrupted = found.interrupted;
                 undone |= !found.lost.is_empty();
                 found.lost.iter().for_each(|key| self.store.drop_result(key));
             }
             for line in self.store.troubles() {
                 self.warn(line);
             }
-            if !undone {
+            if !undone || outcome.interrupted {
                 break;
             }
             passes -= 1;

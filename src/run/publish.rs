@@ -4,8 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 
+use rayon::prelude::*;
+
+use super::Options;
 use super::codec::{Reader, Writer};
 use super::event::{Event, Observer};
 use super::executor::decode;
@@ -37,6 +41,19 @@ pub struct Found {
     /// Keys of results with blobs that are missing or damaged.
     pub lost: Vec<Digest>,
     pub errors: Vec<Box<Diagnostic>>,
+    pub interrupted: bool,
+    /// All is there, and nothing that should not be.
+    complete: bool,
+}
+
+/// What came of a file.
+enum End {
+    Unchanged(Stamp),
+    Written(Stamp),
+    /// Its object is missing or damaged.
+    Lost,
+    /// The run was interrupted before.
+    Stopped,
 }
 
 const TAG: &str = "lodge published 1";
@@ -47,7 +64,7 @@ pub fn publish(
     ready: &[(usize, Arc<Record>)],
     out: &Path,
     store: &Store,
-    verify: bool,
+    options: &Options,
     observer: &mut Observer,
 ) -> Found {
     let mut found = Found::default();
@@ -57,7 +74,8 @@ pub fn publish(
         return found;
     }
     let result = lock(out, observer).and_then(|guard| {
-        let work = Work { out, store, before: &before, verify, remote: stamp::is_remote(out) };
+        let (verify, stop, remote) = (options.verify, &*options.stop, stamp::is_remote(out));
+        let work = Work { out, store, before: &before, verify, remote, stop, folders: Mutex::default() };
         work.run(graph, ready, &mut found, observer)?;
         drop(guard);
         Ok(())
@@ -67,10 +85,10 @@ pub fn publish(
         found.errors.push(Diagnostic::error("cannot-publish", message));
     }
     let mut all: BTreeMap<&str, &Published> = BTreeMap::new();
-    // What was not asked for, or failed, stays as it is.
+    // What was not asked for, or failed, stays as it is; what was not reached is still to be looked at.
     let fresh: BTreeSet<&str> = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
     let known: BTreeSet<&str> = graph.nodes.iter().map(|n| &*n.name).collect();
-    let stays = |p: &&Published| !fresh.contains(&*p.node) && known.contains(&*p.node);
+    let stays = |p: &&Published| !found.complete || !fresh.contains(&*p.node) && known.contains(&*p.node);
     all.extend(before.values().filter(stays).map(|p| (&*p.path, p)));
     all.extend(found.files.iter().map(|p| (&*p.path, p)));
     let bytes = write_state(out, &all);
@@ -100,6 +118,9 @@ struct Work<'a> {
     before: &'a BTreeMap<String, Published>,
     verify: bool,
     remote: bool,
+    stop: &'a AtomicBool,
+    /// Folders that are there and are no links.
+    folders: Mutex<BTreeSet<PathBuf>>,
 }
 
 impl Work<'_> {
@@ -123,33 +144,39 @@ impl Work<'_> {
         }
         all.sort_by(|a, b| (a.0.last, &a.0.path).cmp(&(b.0.last, &b.0.path)));
 
-        // (2) Write what differs.
-        for (file, node, key) in all {
-            if !is_below(&file.path) {
+        // (2) Write what differs, side by side.
+        all.retain(|(file, node, _)| {
+            let below = is_below(&file.path);
+            if !below {
                 let message = format!("`{}` does not lie below the output folder", file.path);
-                found.errors.push(Diagnostic::error("outside", message).node(node));
-                continue;
+                found.errors.push(Diagnostic::error("outside", message).node(node.clone()));
             }
-            let path = self.out.join(&file.path);
-            let known = self.unchanged(&path, &file);
-            let (stamp, written) = match known {
-                Some(stamp) => (stamp, false),
-                None => match self.write(&path, &file.blob.digest)? {
-                    Some(stamp) => (stamp, true),
-                    None => {
-                        found.lost.push(key);
+            below
+        });
+        for group in all.chunk_by(|a, b| a.0.last == b.0.last) {
+            let ends: Vec<io::Result<End>> = group.par_iter().map(|(file, ..)| self.publish_one(file)).collect();
+            for ((file, node, key), end) in group.iter().zip(ends) {
+                let (stamp, written) = match end? {
+                    End::Unchanged(stamp) => (stamp, false),
+                    End::Written(stamp) => (stamp, true),
+                    End::Lost => {
+                        found.lost.push(*key);
                         continue;
                     }
-                },
-            };
-            if written {
-                observer(&Event::Published { path: file.path.clone(), bytes: file.blob.bytes });
+                    End::Stopped => {
+                        found.interrupted = true;
+                        continue;
+                    }
+                };
+                let (path, digest, bytes) = (file.path.clone(), file.blob.digest, file.blob.bytes);
+                if written {
+                    observer(&Event::Published { path: path.clone(), bytes });
+                }
+                found.files.push(Published { path, digest, bytes, written, stamp, node: node.clone() });
             }
-            let (digest, bytes) = (file.blob.digest, file.blob.bytes);
-            found.files.push(Published { path: file.path, digest, bytes, written, stamp, node });
         }
         found.files.sort_by(|a, b| a.path.cmp(&b.path));
-        if !found.lost.is_empty() || !found.errors.is_empty() {
+        if !found.lost.is_empty() || !found.errors.is_empty() || found.interrupted {
             return Ok(());
         }
 
@@ -163,7 +190,19 @@ impl Work<'_> {
                 self.remove(old, observer);
             }
         }
+        found.complete = true;
         Ok(())
+    }
+
+    fn publish_one(&self, file: &files::File) -> io::Result<End> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Ok(End::Stopped);
+        }
+        let path = self.out.join(&file.path);
+        if let Some(stamp) = self.unchanged(&path, file) {
+            return Ok(End::Unchanged(stamp));
+        }
+        Ok(self.write(&path, &file.blob.digest)?.map_or(End::Lost, End::Written))
     }
 
     /// The stamp of a file that is there as it should be.
@@ -210,7 +249,9 @@ impl Work<'_> {
             match fs::rename(&fresh, path) {
                 Err(e) if e.kind() == io::ErrorKind::CrossesDevices && attempt == 0 => {
                     let _ = fs::remove_file(&fresh);
-                    fresh = folder.join(format!(".lodge-{}", digest.short(12)));
+                    // A name of its own, and the same the next time: what a killed run leaves goes then.
+                    let name = path.file_name().expect("published files have names");
+                    fresh = folder.join(format!(".lodge-{}", Digest::of(name.as_encoded_bytes()).short(12)));
                     let _ = fs::remove_file(&fresh);
                 }
                 Err(e) => {
@@ -225,6 +266,10 @@ impl Work<'_> {
 
     /// Folders down to `folder`; a link or file in the way is replaced.
     fn make_folder(&self, folder: &Path) -> io::Result<()> {
+        let mut known = self.folders.lock().unwrap();
+        if known.contains(folder) {
+            return Ok(());
+        }
         let mut missing: Vec<&Path> = folder.ancestors().take_while(|p| *p != self.out).collect();
         while let Some(path) = missing.pop() {
             match fs::symlink_metadata(path) {
@@ -234,6 +279,7 @@ impl Work<'_> {
             }
             fs::create_dir(path)?;
         }
+        known.insert(folder.to_path_buf());
         Ok(())
     }
 
@@ -308,7 +354,8 @@ pub fn all(store: &Store) -> Vec<(PathBuf, Published)> {
 /// Puts a published file back from its object; false where that is lost.
 pub fn restore(store: &Store, out: &Path, file: &Published) -> io::Result<bool> {
     let before = BTreeMap::new();
-    let work = Work { out, store, before: &before, verify: true, remote: false };
+    let (stop, folders) = (&AtomicBool::new(false), Mutex::default());
+    let work = Work { out, store, before: &before, verify: true, remote: false, stop, folders };
     Ok(work.write(&out.join(&file.path), &file.digest)?.is_some())
 }
 
