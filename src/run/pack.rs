@@ -237,7 +237,8 @@ mod tests {
 
     #[test]
     fn large_bodies_are_passed_over_and_damage_among_them_is_found() {
-        let bodies: Vec<Vec<u8>> = (0..60usize).map(|i| vec![i as u8; [0, 100, 5_000, 70_000, 300_000][i % 5]]).collect();
+        let bodies: Vec<Vec<u8>> =
+            (0..60usize).map(|i| vec![i as u8; [0, 100, 5_000, 70_000, 300_000][i % 5]]).collect();
         let (bytes, ends) = packed(&bodies);
         let whole = scan(&file_of(&bytes), 0).unwrap();
         assert_eq!((whole.frames.len(), whole.end, whole.lost), (60, bytes.len() as u64, 0));
