@@ -1,5 +1,6 @@
-// Holds every GLB and tileset.json below the folders named against the Khronos validator and the JSON schemas.
-// node validate.mjs SCHEMAS FOLDER..; SCHEMAS may be "" (then only GLBs). Exit 1 where anything is wrong.
+// Holds every GLB, tileset.json and CityJSON below the folders named against the Khronos validator and the JSON schemas.
+// node validate.mjs TILES CITY FOLDER..; TILES and CITY are folders of schemas and may be "" (then those files are only
+// counted). Exit 1 where anything is wrong.
 import { createRequire } from 'node:module';
 import { readFileSync, readdirSync, statSync } from 'node:fs';
 import { join, relative } from 'node:path';
@@ -8,8 +9,9 @@ import { join, relative } from 'node:path';
 const require = createRequire(join(process.cwd(), 'here.js'));
 const validator = require('gltf-validator');
 const Ajv = require('ajv/dist/2020');
+const AjvDraft7 = require('ajv');
 
-const [schemas, ...folders] = process.argv.slice(2);
+const [schemas, citySchemas, ...folders] = process.argv.slice(2);
 const walk = (at) => statSync(at).isDirectory()
   ? readdirSync(at).sort().flatMap((name) => walk(join(at, name))) : [at];
 
@@ -34,8 +36,33 @@ if (schemas) {
   };
 }
 
-const counts = { glb: 0, tilesets: 0 };
+// CityJSON's schemas come as one file a kind of object.
+const cityHolds = {};
+if (citySchemas) {
+  for (const [type, name] of [['CityJSON', 'cityjson'], ['CityJSONFeature', 'cityjsonfeature']]) {
+    const ajv = new AjvDraft7({ strict: false, validateFormats: false });
+    const check = ajv.compile(JSON.parse(readFileSync(join(citySchemas, `${name}.min.schema.json`), 'utf8')));
+    cityHolds[type] = (file, data) => { if (!check(data)) wrong(file, `${name}: ${ajv.errorsText(check.errors)}`); };
+  }
+}
+const city = (file, data) => {
+  if (data.type !== 'CityJSON' && data.type !== 'CityJSONFeature') wrong(file, `type is ${data.type}`);
+  else cityHolds[data.type]?.(file, data);
+};
+
+const counts = { glb: 0, tilesets: 0, cities: 0 };
 for (const file of folders.flatMap(walk)) {
+  if (file.endsWith('.city.json')) {
+    counts.cities++;
+    city(file, JSON.parse(readFileSync(file, 'utf8')));
+    continue;
+  }
+  if (file.endsWith('.city.jsonl')) {
+    counts.cities++;
+    const lines = readFileSync(file, 'utf8').split('\n').filter((line) => line);
+    lines.forEach((line, i) => city(`${file}:${i + 1}`, JSON.parse(line)));
+    continue;
+  }
   if (file.endsWith('tileset.json')) {
     counts.tilesets++;
     holds(file, 'tileset.schema.json', JSON.parse(readFileSync(file, 'utf8')));
@@ -55,6 +82,7 @@ for (const file of folders.flatMap(walk)) {
     }
   }
 }
-console.log(`${counts.glb} GLB, ${counts.tilesets} tileset.json: ${bad ? `${bad} complaints` : 'clean'}`
-  + (schemas ? '' : ' (no schemas: tileset.json not checked)'));
+console.log(`${counts.glb} GLB, ${counts.tilesets} tileset.json, ${counts.cities} CityJSON: `
+  + (bad ? `${bad} complaints` : 'clean') + (schemas ? '' : ' (no schemas: tileset.json not checked)')
+  + (citySchemas ? '' : ' (no schemas: CityJSON not checked)'));
 process.exit(bad ? 1 : 0);

@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
-# The Khronos glTF validator and the 3D Tiles JSON schemas over everything that was written: .ci/validate.sh [FOLDER..]
-# Folders: what the tests keep, and what the pipelines published. Schemas: $LODGE_DATA/peer/3dtiles-schema.
+# The Khronos glTF validator, the 3D Tiles and the CityJSON schemas over everything that was written:
+# .ci/validate.sh [FOLDER..]
+# Folders: what the tests keep, and what the pipelines published. Schemas: $LODGE_DATA/peer/3dtiles-schema and cityjson.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 here=$PWD
 folders=()
 for folder in "${@:-}"; do [ -n "$folder" ] && folders+=("$(realpath "$folder")"); done
 if [ ${#folders[@]} -eq 0 ]; then
-  for folder in target/tmp/tilesets out .lodge/out pipelines/out; do
+  for folder in target/tmp/tilesets target/tmp/cityjson out .lodge/out pipelines/out; do
     if [ -d "$folder" ]; then folders+=("$here/$folder"); fi
   done
 fi
@@ -34,4 +35,9 @@ if [ ! -d "${schemas:-/nowhere}" ]; then
   echo 'skipped: 3D Tiles schemas: LODGE_DATA is not set or has none'
   schemas=
 fi
-node "$here/.ci/validate.mjs" "$schemas" "${folders[@]}"
+city=${LODGE_DATA:+$LODGE_DATA/peer/cityjson}
+if [ ! -f "${city:-/nowhere}/cityjson.min.schema.json" ]; then
+  echo 'skipped: CityJSON schemas: LODGE_DATA is not set or has none'
+  city=
+fi
+node "$here/.ci/validate.mjs" "$schemas" "$city" "${folders[@]}"

@@ -18,7 +18,7 @@ use crate::diag::{Diagnostic, Result};
 use crate::geom::Point;
 use crate::geom::frame::Frame;
 use crate::io::cityjson::{self, Form, Piece};
-use crate::op::{Ctx, Op};
+use crate::op::{Ctx, Mistake, Op};
 use crate::{inputs, params};
 
 params! {
@@ -48,6 +48,18 @@ impl Op for WriteCityjson {
     const VERSION: u32 = 1;
     type In = In;
     type Out = Files;
+
+    fn check(&self) -> Vec<Mistake> {
+        // The levels that CityJSON has names for.
+        let known = match self.lod.as_bytes() {
+            [b'0'..=b'3'] | [b'0'..=b'3', b'.', b'0'..=b'3'] => return Vec::new(),
+            _ => "0 to 3, or 0.0 to 3.3 with a second digit of 0 to 3",
+        };
+        vec![Mistake {
+            param: "lod",
+            message: format!("`lod` must be one of CityJSON's levels, {known}, got {:?}", self.lod),
+        }]
+    }
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Files> {
         let mut pieces: Vec<Piece> = cityjson::pieces(&input.buildings).collect();
@@ -264,6 +276,13 @@ mod tests {
         let last = run("path = 'a.city.jsonl'", Some(mesh(&["b"])), false).unwrap();
         assert_eq!((&last["type"], &last["id"]), (&"CityJSONFeature".into(), &"b".into()));
         assert_eq!(last["CityObjects"]["b"]["geometry"].as_array().unwrap().len(), 2);
+    }
+
+    #[test]
+    fn levels_that_cityjson_knows() {
+        let wrong = |lod: &str| !WriteCityjson { lod: lod.into(), ..WriteCityjson::default() }.check().is_empty();
+        assert!(["0", "3", "0.1", "3.3"].iter().all(|lod| !wrong(lod)));
+        assert!(["", "4", "1.4", "0.5", "1.", "LoD1", "2.21"].iter().all(|lod| wrong(lod)));
     }
 
     #[test]
