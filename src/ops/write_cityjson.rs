@@ -45,7 +45,7 @@ inputs! {
 
 impl Op for WriteCityjson {
     const NAME: &'static str = "write-cityjson";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Files;
 

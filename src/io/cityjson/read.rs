@@ -45,7 +45,7 @@ pub struct Object<'a> {
     pub attributes: Vec<(Cow<'a, str>, Scalar<'a>)>,
     pub geometries: Vec<Boundary>,
     /// Members that were not read, each as often as it was there: its own (`address`, ..), those of its surfaces'
-    /// geometries (`material`, `texture`, ..) and of their semantics (`semantics.slope`, ..).
+    /// geometries (`material`, `texture`, ..) and of their semantics (`semantics.slope`, `semantics.type Window`, ..).
     pub left: Vec<Cow<'a, str>>,
 }
 
@@ -252,7 +252,14 @@ fn boundary<'a>(json: &mut Json<'a>, left: &mut Vec<Cow<'a, str>>) -> Parsed<Bou
                 "surfaces" if json.peek()? == b'[' => json.list(|json| {
                     let mut kind = OTHER;
                     json.object(|json, key| match &*key {
-                        "type" => Ok(kind = meaning(&text(json)?)),
+                        "type" => {
+                            let name = text(json)?;
+                            kind = meaning(&name);
+                            if kind == OTHER {
+                                left.push(format!("semantics.type {name}").into());
+                            }
+                            Ok(())
+                        }
                         "parent" | "children" => json.skip(),
                         name => {
                             left.push(format!("semantics.{name}").into());

@@ -40,13 +40,13 @@ pub fn sequence(frame: &Frame, pieces: &[Piece]) -> Result<Vec<u8>> {
     let ground = Ground::of(frame)?;
     let mut out = ground.header().to_string().into_bytes();
     for piece in pieces {
-        let mut vertices = Vec::new();
+        let mut vertices = Vertices::default();
         let object = ground.object(piece, &mut vertices);
         let feature = json!({
             "type": "CityJSONFeature",
             "id": piece.id,
             "CityObjects": { piece.id.clone(): object },
-            "vertices": vertices,
+            "vertices": vertices.all,
         });
         out.push(b'\n');
         out.extend(feature.to_string().into_bytes());
@@ -58,13 +58,20 @@ pub fn sequence(frame: &Frame, pieces: &[Piece]) -> Result<Vec<u8>> {
 /// One CityJSON object.
 pub fn model(frame: &Frame, pieces: &[Piece]) -> Result<Vec<u8>> {
     let ground = Ground::of(frame)?;
-    let mut vertices = Vec::new();
+    let mut vertices = Vertices::default();
     let objects: Map<String, Value> =
         pieces.iter().map(|piece| (piece.id.clone(), ground.object(piece, &mut vertices))).collect();
     let mut out = ground.header();
     out["CityObjects"] = objects.into();
-    out["vertices"] = json!(vertices);
+    out["vertices"] = json!(vertices.all);
     Ok(format!("{out}\n").into_bytes())
+}
+
+/// The vertices of a file or feature, each once.
+#[derive(Default)]
+struct Vertices {
+    index: BTreeMap<[i32; 3], u32>,
+    all: Vec<[i64; 3]>,
 }
 
 /// The buildings of a layer, each level a form.
@@ -89,7 +96,7 @@ fn form(layer: &Buildings, g: usize) -> Form {
     }
 }
 
-/// A feature's attributes as JSON.
+/// A feature's attributes as JSON. One of an extension loses the `+` before its name: nobody declares the extension here.
 pub fn attributes(all: &Attributes, row: usize) -> Map<String, Value> {
     let present = all.columns.iter().filter(|c| c.present[row]);
     present
@@ -101,7 +108,8 @@ pub fn attributes(all: &Attributes, row: usize) -> Map<String, Value> {
                 Values::Bool(v) => json!(v[row]),
                 Values::Text(v) => json!(v.get(row)),
             };
-            (c.name.clone(), value)
+            let plain = c.name.strip_prefix('+').filter(|name| all.get(name).is_none());
+            (plain.unwrap_or(&c.name).to_string(), value)
         })
         .collect()
 }
@@ -159,7 +167,7 @@ impl Ground {
         [whole(0), whole(1), i64::from(p[2])]
     }
 
-    fn object(&self, piece: &Piece, vertices: &mut Vec<[i64; 3]>) -> Value {
+    fn object(&self, piece: &Piece, vertices: &mut Vertices) -> Value {
         let mut out = json!({ "type": piece.kind });
         if !piece.attributes.is_empty() {
             out["attributes"] = Value::Object(piece.attributes.clone());
@@ -169,19 +177,18 @@ impl Ground {
                 out[key] = json!(ids);
             }
         }
-        let mut index = BTreeMap::new();
-        let forms: Vec<Value> = piece.forms.iter().map(|f| self.geometry(f, &mut index, vertices)).collect();
+        let forms: Vec<Value> = piece.forms.iter().map(|f| self.geometry(f, vertices)).collect();
         if !forms.is_empty() {
             out["geometry"] = forms.into();
         }
         out
     }
 
-    fn geometry(&self, form: &Form, index: &mut BTreeMap<[i32; 3], u32>, vertices: &mut Vec<[i64; 3]>) -> Value {
+    fn geometry(&self, form: &Form, vertices: &mut Vertices) -> Value {
         let mut number = |p: [i32; 3]| {
-            *index.entry(p).or_insert_with(|| {
-                vertices.push(self.vertex(p));
-                vertices.len() as u32 - 1
+            *vertices.index.entry(p).or_insert_with(|| {
+                vertices.all.push(self.vertex(p));
+                vertices.all.len() as u32 - 1
             })
         };
         let surfaces: Vec<Vec<Vec<u32>>> = form
