@@ -12,6 +12,7 @@
 //! al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 5.
 
 use super::Point;
+use super::bridge::Bridge;
 use super::erode::erode;
 use super::outline;
 use super::predicates::{orient, segments_meet};
@@ -54,7 +55,7 @@ const CLEAR: usize = 16;
 const ALL_PAIRS: usize = 1024;
 
 /// A connection: squared length, then the places of its ends in R and S.
-type Chord = (i64, u32, u32);
+pub(super) type Chord = (i64, u32, u32);
 
 /// Working memory for many merges, and the last one's ring.
 #[derive(Default)]
@@ -63,12 +64,78 @@ pub struct Merger {
     pub ids: Vec<u32>,
     edges: [Vec<(u32, Segment)>; 2],
     contacts: Vec<(u32, u32)>,
-    sums: [Vec<i64>; 2],
     near: [Vec<u32>; 2],
     chords: Vec<Chord>,
-    /// Clear ones, and what their loops' areas are made of: see `choose`.
-    clear: Vec<(Chord, i64)>,
+    pairs: Pairs,
+    bridge: Bridge,
     outline: outline::Outline,
+}
+
+/// Clear connections, and the pair of them that adds the least.
+#[derive(Default)]
+pub(super) struct Pairs {
+    /// Of each ring its doubled area up to each vertex, seen from R's first.
+    sums: [Vec<i64>; 2],
+    /// With what their loops' areas are made of: see `offer`.
+    clear: Vec<(Chord, i64)>,
+    /// What it adds and how long it is; in the order of the larger loop: R from the first to the second, S from the
+    /// second to the first.
+    best: Option<((i64, i64), Chord, Chord)>,
+}
+
+impl Pairs {
+    fn start(&mut self, r: Ring, s: Ring) {
+        let origin = r.at[0];
+        for (ring, out) in [r, s].into_iter().zip(&mut self.sums) {
+            out.clear();
+            let mut sum = 0i64;
+            out.push(0);
+            for w in ring.at.windows(2) {
+                sum = sum.wrapping_add(orient(origin, w[0], w[1]));
+                out.push(sum);
+            }
+            out.push(sum.wrapping_add(orient(origin, ring.at[ring.at.len() - 1], ring.at[0])));
+        }
+        self.forget();
+    }
+
+    fn forget(&mut self) {
+        self.clear.clear();
+        self.best = None;
+    }
+
+    /// Weighs a clear connection with all before it, which are shorter. True once enough have been seen.
+    #[inline]
+    pub(super) fn offer(&mut self, r: Ring, s: Ring, chord: Chord) -> bool {
+        let (p, q) = (r.at[chord.1 as usize], s.at[chord.2 as usize]);
+        let (all_r, all_s) = (self.sums[0][r.at.len()], self.sums[1][s.at.len()]);
+        let both = all_r.wrapping_add(all_s);
+        // A loop's doubled area is share(second) - share(first), and a whole ring where a chain runs over its end;
+        // the other loop has what is left of both rings' areas.
+        let share = self.sums[0][chord.1 as usize]
+            .wrapping_sub(self.sums[1][chord.2 as usize])
+            .wrapping_add(orient(r.at[0], p, q));
+        for &(other, its) in &self.clear {
+            let mut area = share.wrapping_sub(its);
+            if chord.1 < other.1 {
+                area = area.wrapping_add(all_r);
+            }
+            if other.2 < chord.2 {
+                area = area.wrapping_add(all_s);
+            }
+            let swap = area < both.wrapping_sub(area);
+            let adds = if swap { area.wrapping_neg() } else { area.wrapping_sub(both) };
+            let key = (adds, chord.0.saturating_add(other.0));
+            if adds < 0 || chord.1 == other.1 || chord.2 == other.2 || self.best.is_some_and(|b| b.0 <= key) {
+                continue;
+            }
+            if !segments_meet(p, q, r.at[other.1 as usize], s.at[other.2 as usize]) {
+                self.best = Some(if swap { (key, chord, other) } else { (key, other, chord) });
+            }
+        }
+        self.clear.push((chord, share));
+        self.clear.len() >= CLEAR && self.best.is_some()
+    }
 }
 
 impl Merger {
@@ -153,17 +220,7 @@ impl Merger {
     // ------------------------------------------------------------------------------------------------ disjoint
 
     fn connect(&mut self, r: Ring, s: Ring, rect_r: &Rect, rect_s: &Rect) -> bool {
-        let origin = r.at[0];
-        for (ring, out) in [r, s].into_iter().zip(&mut self.sums) {
-            out.clear();
-            let mut sum = 0i64;
-            out.push(0);
-            for i in 0..ring.at.len() {
-                let [a, b] = ring.edge(i);
-                sum = sum.wrapping_add(orient(origin, a, b));
-                out.push(sum);
-            }
-        }
+        self.pairs.start(r, s);
         let extent = |k: usize| {
             let (low, high) = (rect_r.low[k].min(rect_s.low[k]), rect_r.high[k].max(rect_s.high[k]));
             i64::from(high) - i64::from(low)
@@ -178,12 +235,16 @@ impl Merger {
             after.max(before).max(0)
         };
         let few = r.at.len() * s.at.len() <= ALL_PAIRS;
+        if few && Bridge::spans(r, s, all) {
+            self.bridge.find(r, s, &mut self.pairs);
+            return self.join(r, s);
+        }
         let mut margin = if few { all } else { (gap(0) + gap(1) + 4000).min(all) };
         loop {
             self.find_chords(r, s, rect_r, rect_s, margin, few);
-            if let Some((one, two)) = self.choose(r, s, margin >= all) {
-                self.splice(r, one.1, two.1);
-                self.splice(s, two.2, one.2);
+            let enough = self.choose(r, s);
+            // Where no longer ones exist these must do.
+            if (enough || margin >= all) && self.join(r, s) {
                 return true;
             }
             if margin >= all {
@@ -191,6 +252,14 @@ impl Merger {
             }
             margin = (3 * margin).min(all);
         }
+    }
+
+    /// The loop over the best pair; false where there is none.
+    fn join(&mut self, r: Ring, s: Ring) -> bool {
+        let Some((_, one, two)) = self.pairs.best else { return false };
+        self.splice(r, one.1, two.1);
+        self.splice(s, two.2, one.2);
+        true
     }
 
     /// All connections not longer than `margin` that set out and arrive outside of the rings.
@@ -237,21 +306,16 @@ impl Merger {
         }
     }
 
-    /// Of the shortest clear connections the two that add the least, in the order of the larger loop: R from the
-    /// first to the second, S from the second to the first. `last`: no longer ones exist, so make do with these.
-    fn choose(&mut self, r: Ring, s: Ring, last: bool) -> Option<(Chord, Chord)> {
+    /// Weighs the clear ones among the connections, shortest first. True where enough are clear.
+    fn choose(&mut self, r: Ring, s: Ring) -> bool {
         let mut chords = std::mem::take(&mut self.chords);
-        let found = self.choose_from(r, s, last, &mut chords);
+        let enough = self.choose_from(r, s, &mut chords);
         self.chords = chords;
-        found
+        enough
     }
 
-    fn choose_from(&mut self, r: Ring, s: Ring, last: bool, chords: &mut [Chord]) -> Option<(Chord, Chord)> {
-        let origin = r.at[0];
-        let (all_r, all_s) = (self.sums[0][r.at.len()], self.sums[1][s.at.len()]);
-        let both = all_r.wrapping_add(all_s);
-        let mut best: Option<((i64, i64), Chord, Chord)> = None;
-        self.clear.clear();
+    fn choose_from(&mut self, r: Ring, s: Ring, chords: &mut [Chord]) -> bool {
+        self.pairs.forget();
         let mut known = Rect::EMPTY;
         let (mut done, mut step) = (0, 40);
         while done < chords.len() {
@@ -273,43 +337,17 @@ impl Merger {
             for &chord in &rest[..take] {
                 let (u, v) = (chord.1 as usize, chord.2 as usize);
                 let (p, q) = (r.at[u], s.at[v]);
-                if !is_clear(&self.edges[0], p, q, [u, r.before(u)])
-                    || !is_clear(&self.edges[1], p, q, [v, s.before(v)])
+                if is_clear(&self.edges[0], p, q, [u, r.before(u)])
+                    && is_clear(&self.edges[1], p, q, [v, s.before(v)])
+                    && self.pairs.offer(r, s, chord)
                 {
-                    continue;
-                }
-                // A loop's doubled area is share(second) - share(first), and a whole ring where a chain runs over
-                // its end; the other loop has what is left of both rings' areas.
-                let share = self.sums[0][u].wrapping_sub(self.sums[1][v]).wrapping_add(orient(origin, p, q));
-                for &(other, its) in &self.clear {
-                    let mut area = share.wrapping_sub(its);
-                    if chord.1 < other.1 {
-                        area = area.wrapping_add(all_r);
-                    }
-                    if other.2 < chord.2 {
-                        area = area.wrapping_add(all_s);
-                    }
-                    let swap = area < both.wrapping_sub(area);
-                    let adds = if swap { area.wrapping_neg() } else { area.wrapping_sub(both) };
-                    let key = (adds, chord.0.saturating_add(other.0));
-                    if adds < 0 || chord.1 == other.1 || chord.2 == other.2 || best.is_some_and(|b| b.0 <= key) {
-                        continue;
-                    }
-                    if !segments_meet(p, q, r.at[other.1 as usize], s.at[other.2 as usize]) {
-                        best = Some(if swap { (key, chord, other) } else { (key, other, chord) });
-                    }
-                }
-                self.clear.push((chord, share));
-                if self.clear.len() >= CLEAR
-                    && let Some((_, one, two)) = best
-                {
-                    return Some((one, two));
+                    return true;
                 }
             }
             done += take;
             step *= 2;
         }
-        best.filter(|_| last).map(|(_, one, two)| (one, two))
+        false
     }
 
     /// Appends the chain of `ring` from one place to another, both included.
@@ -350,7 +388,7 @@ impl Merger {
 }
 
 #[inline]
-fn squared(p: Point, q: Point) -> i64 {
+pub(super) fn squared(p: Point, q: Point) -> i64 {
     let d = [0, 1].map(|k| i64::from(p[k]) - i64::from(q[k]));
     d[0] * d[0] + d[1] * d[1]
 }

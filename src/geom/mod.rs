@@ -1,6 +1,7 @@
 //! Numbers in, numbers out. Plan geometry is exact: whole millimetres in `i32` (below 2^29), signs in `i64`.
 
 pub mod bounds;
+mod bridge;
 pub mod chart;
 pub mod cover;
 pub mod crs;

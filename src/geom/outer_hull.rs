@@ -19,10 +19,12 @@ use rayon::prelude::*;
 
 use super::Point;
 use super::predicates::orient;
+use super::segments::Rect;
 
 const SMALL: usize = 48;
 const LARGE: usize = 8192;
 const NONE: u32 = u32::MAX;
+const NEVER: i64 = i64::MAX;
 
 /// The ring with concave vertices removed until it has `target_edges`, or is convex. Simple, counter-clockwise
 /// ring in, the same out; it contains the one given, its vertices are some of them. Ties: earlier vertex first.
@@ -104,46 +106,56 @@ impl Simplifier {
 /// Looks at all vertices for every one that goes.
 fn small(ring: &[Point], ids: &[u32], target: usize, kept: &mut Vec<u32>) {
     let n = ring.len();
+    // Of the vertices left, in order: place, point, what removal adds, and the same where it may go now.
     let mut live = [0u8; SMALL];
+    let mut at = [[0i32; 2]; SMALL];
     let mut key = [0i64; SMALL];
+    let mut open = [NEVER; SMALL];
     let mut waits = [u8::MAX; SMALL];
     let mut left = n;
+    at[..n].copy_from_slice(ring);
     for i in 0..n {
         live[i] = i as u8;
         key[i] = added(ring[if i == 0 { n - 1 } else { i - 1 }], ring[i], ring[if i + 1 == n { 0 } else { i + 1 }]);
+        open[i] = if key[i] < 0 { NEVER } else { key[i] };
     }
     while left > 3 {
-        let least = if left > target { i64::MAX } else { 0 };
-        let mut best: Option<(i64, u32, usize)> = None;
-        for (k, &i) in live[..left].iter().enumerate() {
-            let area = key[i as usize];
-            if area < 0 || area > least || waits[i as usize] != u8::MAX {
+        let area = open[..left].iter().fold(NEVER, |least, &a| least.min(a));
+        if area == NEVER || (area > 0 && left <= target) {
+            break;
+        }
+        let equal = (0..left).filter(|&k| open[k] == area);
+        let Some(k) = equal.min_by_key(|&k| ids[live[k] as usize]) else { break };
+        let (before, after) = (if k == 0 { left - 1 } else { k - 1 }, if k + 1 == left { 0 } else { k + 1 });
+        if area > 0 {
+            let (a, v, b) = (at[before], at[k], at[after]);
+            let rect = Rect::of([a, v, b]);
+            let blocker = |&j: &usize| rect.holds(at[j]) && ![before, k, after].contains(&j) && blocks(a, v, b, at[j]);
+            if let Some(by) = (0..left).find(blocker) {
+                waits[k] = live[by];
+                open[k] = NEVER;
                 continue;
             }
-            if best.is_none_or(|(b, id, _)| (area, ids[i as usize]) < (b, id)) {
-                best = Some((area, ids[i as usize], k));
+        }
+        let gone = live[k];
+        left -= 1;
+        live.copy_within(k + 1..=left, k);
+        at.copy_within(k + 1..=left, k);
+        key.copy_within(k + 1..=left, k);
+        open.copy_within(k + 1..=left, k);
+        waits.copy_within(k + 1..=left, k);
+        for j in 0..left {
+            if waits[j] == gone {
+                waits[j] = u8::MAX;
+                open[j] = key[j];
             }
         }
-        let Some((area, _, k)) = best else { break };
-        let at = |k: usize| live[if k >= left { k - left } else { k }];
-        let (a, v, b) = (at(k + left - 1), live[k], at(k + 1));
-        let (pa, pv, pb) = (ring[a as usize], ring[v as usize], ring[b as usize]);
-        let blocker = |&&i: &&u8| i != a && i != v && i != b && blocks(pa, pv, pb, ring[i as usize]);
-        if area > 0
-            && let Some(&by) = live[..left].iter().find(blocker)
-        {
-            waits[v as usize] = by;
-            continue;
-        }
-        live.copy_within(k + 1..left, k);
-        left -= 1;
-        waits[..n].iter_mut().filter(|w| **w == v).for_each(|w| *w = u8::MAX);
-        let at = |k: usize| live[if k >= left { k - left } else { k }] as usize;
-        // `b` now stands at k, `a` before it.
-        for k in [k + left - 1, k + left] {
-            let (a, v, b) = (at((k - 1) % left), at(k % left), at((k + 1) % left));
-            key[v] = added(ring[a], ring[v], ring[b]);
-            waits[v] = u8::MAX;
+        // What came after now stands at k.
+        for j in [if k == 0 { left - 1 } else { k - 1 }, if k == left { 0 } else { k }] {
+            let (before, after) = (if j == 0 { left - 1 } else { j - 1 }, if j + 1 == left { 0 } else { j + 1 });
+            key[j] = added(at[before], at[j], at[after]);
+            open[j] = if key[j] < 0 { NEVER } else { key[j] };
+            waits[j] = u8::MAX;
         }
     }
     kept.extend(live[..left].iter().map(|&i| u32::from(i)));
@@ -274,7 +286,7 @@ struct Grid {
 
 impl Grid {
     fn build(&mut self, at: &[Point], live: impl Iterator<Item = u32> + Clone, count: usize) {
-        let rect = super::segments::Rect::of(live.clone().map(|i| at[i as usize]));
+        let rect = Rect::of(live.clone().map(|i| at[i as usize]));
         let extent = [0, 1].map(|k| (i64::from(rect.high[k]) - i64::from(rect.low[k])) as u64);
         self.low = rect.low;
         self.shift = 0;

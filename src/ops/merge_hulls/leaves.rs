@@ -10,8 +10,9 @@ use crate::geom::{Point, distinct, erode, ring};
 /// The leaves' own rings.
 pub struct Leaves {
     pub vertices: Vec<Point>,
-    /// By building: offsets into `rings`, vertex numbers.
-    starts: Vec<u32>,
+    /// By building: where its ring begins and ends in `rings`.
+    spans: Vec<(u32, u32)>,
+    /// Vertex numbers: all shells', then the rings that had to be made.
     rings: Vec<u32>,
     pub repairs: Vec<(u32, &'static str)>,
     /// By building: an outline of its crosses or touches itself.
@@ -21,63 +22,76 @@ pub struct Leaves {
 const CROSSED: &str = "outline crosses or touches itself: taken as the ring around its edges";
 pub const NO_AREA: &str = "outline without area: no ring";
 
+/// A ring that is not the only shell as it is, and what was wrong with that.
+type Made = (Vec<u32>, Option<&'static str>);
+
 impl Leaves {
     pub fn new(footprints: &Footprints, order: &[u32]) -> Self {
         let shapes = &footprints.polygons;
-        let shells = || order.iter().flat_map(|&b| shapes.shells(b as usize));
-        let points: Vec<Point> = shells().flatten().copied().collect();
-        let (vertices, numbers) = distinct::number(points.into_iter());
-        // Where each building's shells begin in `numbers`.
-        let mut from = vec![0u32; footprints.len() + 1];
+        // Where each building's shells begin and end among all.
+        let mut spans = vec![(0u32, 0u32); footprints.len()];
         let mut at = 0u32;
         for &b in order {
-            from[b as usize] = at;
+            let from = at;
             at += shapes.shells(b as usize).map(|s| s.len() as u32).sum::<u32>();
+            spans[b as usize] = (from, at);
         }
-        let built: Vec<(Vec<u32>, Option<&'static str>)> = (0..footprints.len())
+        let mut points: Vec<Point> = Vec::with_capacity(at as usize);
+        order.iter().flat_map(|&b| shapes.shells(b as usize)).for_each(|s| points.extend_from_slice(s));
+        let (vertices, mut rings) = distinct::number(&points);
+        drop(points);
+        let made: Vec<(u32, Made)> = (0..footprints.len())
             .into_par_iter()
-            .map(|b| {
-                let mut numbers = &numbers[from[b] as usize..];
-                let mut hull: (Vec<Point>, Vec<u32>) = (Vec::new(), Vec::new());
-                let mut cause = None;
-                for shell in shapes.shells(b) {
-                    let (mine, rest) = numbers.split_at(shell.len());
-                    numbers = rest;
-                    let (outline, why) = clean(shell, mine);
-                    cause = cause.or(why);
-                    if hull.0.is_empty() {
-                        hull = outline;
-                    } else if !outline.0.is_empty() {
-                        let mut merger = Merger::default();
-                        merger.merge(Ring { at: &hull.0, ids: &hull.1 }, Ring { at: &outline.0, ids: &outline.1 });
-                        hull = (merger.at, merger.ids);
-                    }
-                }
-                if hull.0.is_empty() {
-                    cause = Some(NO_AREA);
-                }
-                (hull.1, cause)
+            .filter_map(|b| {
+                let (from, to) = spans[b];
+                Some((b as u32, make(shapes.shells(b), &rings[from as usize..to as usize])?))
             })
             .collect();
-        let mut leaves = Self {
-            vertices,
-            starts: vec![0],
-            rings: Vec::with_capacity(numbers.len()),
-            repairs: Vec::new(),
-            crossed: Vec::new(),
-        };
-        for (b, (ring, cause)) in built.iter().enumerate() {
-            leaves.rings.extend_from_slice(ring);
-            leaves.starts.push(leaves.rings.len() as u32);
-            leaves.crossed.push(cause.is_some());
-            leaves.repairs.extend(cause.map(|c| (b as u32, c)));
+        let mut crossed = vec![false; footprints.len()];
+        let mut repairs = Vec::new();
+        for (b, (ring, cause)) in made {
+            let from = rings.len() as u32;
+            rings.extend_from_slice(&ring);
+            spans[b as usize] = (from, rings.len() as u32);
+            crossed[b as usize] = cause.is_some();
+            repairs.extend(cause.map(|c| (b, c)));
         }
-        leaves
+        Self { vertices, spans, rings, repairs, crossed }
     }
     pub fn ring(&self, building: u32) -> &[u32] {
-        let b = building as usize;
-        &self.rings[self.starts[b] as usize..self.starts[b + 1] as usize]
+        let (from, to) = self.spans[building as usize];
+        &self.rings[from as usize..to as usize]
     }
+}
+
+/// The ring of a building; none where that is its only shell as it is.
+fn make<'a>(mut shells: impl Iterator<Item = &'a [Point]> + Clone, mut numbers: &[u32]) -> Option<Made> {
+    let mut again = shells.clone();
+    if let (Some(only), None) = (again.next(), again.next())
+        && only.len() >= 3
+        && ring::doubled_area(only) > 0
+        && is_simple(only)
+    {
+        return None;
+    }
+    let (mut hull, mut cause): ((Vec<Point>, Vec<u32>), _) = (Default::default(), None);
+    for shell in &mut shells {
+        let (mine, rest) = numbers.split_at(shell.len());
+        numbers = rest;
+        let (outline, why) = clean(shell, mine);
+        cause = cause.or(why);
+        if hull.0.is_empty() {
+            hull = outline;
+        } else if !outline.0.is_empty() {
+            let mut merger = Merger::default();
+            merger.merge(Ring { at: &hull.0, ids: &hull.1 }, Ring { at: &outline.0, ids: &outline.1 });
+            hull = (merger.at, merger.ids);
+        }
+    }
+    if hull.0.is_empty() {
+        cause = Some(NO_AREA);
+    }
+    Some((hull.1, cause))
 }
 
 /// A simple counter-clockwise ring around an outline, and what was wrong with it; empty where it has no area.

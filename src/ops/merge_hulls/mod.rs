@@ -15,6 +15,7 @@
 //! Cost:   near O(n log n), parallel over subtrees.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, sections 5, 6.
 
+mod assemble;
 mod heights;
 mod leaves;
 mod nodes;
@@ -26,6 +27,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::assemble::Rings;
 use self::leaves::Leaves;
 use self::nodes::Work;
 use self::sizes::{Built, measure};
@@ -119,10 +121,10 @@ fn merge_until(
     let walk = Walk::new(tree);
     let (order, _) = tree.leaf_order();
     let leaves = Leaves::new(footprints, &order);
-    let work = Work { tree, leaves: &leaves, how, stop };
+    let work = Work { walk: &walk, leaves: &leaves, how, stop };
     let rings = || {
         let mut parts = Vec::new();
-        tree.root().into_iter().for_each(|root| work.subtree(root, &mut parts));
+        walk.root().into_iter().for_each(|root| work.subtree(root, &mut parts));
         parts
     };
     let (parts, built) = rayon::join(rings, || Built::new(footprints, &walk, &leaves.crossed));
@@ -130,30 +132,13 @@ fn merge_until(
     if stop.load(Relaxed) {
         return None;
     }
-    // Rings in the order of the clusters.
-    let count = tree.cluster_count();
-    let mut places = vec![(0u32, 0u32); count];
-    let mut merged_edges = vec![0u32; count];
-    for (p, part) in parts.iter().enumerate() {
-        for (i, &cluster) in part.cluster.iter().enumerate() {
-            places[cluster as usize] = (p as u32, i as u32);
-            merged_edges[cluster as usize] = part.merged_edges[i];
-        }
-    }
-    let mut starts = Vec::with_capacity(count + 1);
-    let mut rings = Vec::with_capacity(parts.iter().map(|p| p.rings.len()).sum());
-    starts.push(0);
-    for &(p, i) in &places {
-        rings.extend_from_slice(parts[p as usize].ring(i as usize));
-        starts.push(rings.len() as u32);
-    }
-    drop(parts);
-
+    let Rings { starts, rings, merged_edges, area } = Rings::new(&walk, &leaves, parts);
     let repairs = leaves.repairs.iter().map(|&(row, cause)| {
         let id = footprints.ids.get(row as usize).to_string();
         Note { row: row.into(), id, place: String::new(), cause: cause.to_string() }
     });
     let repairs = repairs.collect();
+    let count = tree.cluster_count();
     let mut hulls = Hulls {
         frame: footprints.frame.clone(),
         state: if how.merge == Merge::Simplified { HullState::Simplified } else { HullState::Merged },
@@ -164,7 +149,7 @@ fn merge_until(
         parent: tree.parents(),
         buildings: (0..count as u32).map(|c| tree.size_of(c)).collect(),
         merged_edges,
-        area_m2: Vec::new(),
+        area_m2: area,
         negative_space_m2: Vec::new(),
         ground: Vec::new(),
         height: Vec::new(),

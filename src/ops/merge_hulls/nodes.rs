@@ -1,136 +1,153 @@
-//! The rings of the inner nodes, each from its children's, subtrees in parallel.
+//! The rings of the clusters, each from its children's, subtrees in parallel.
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use super::leaves::Leaves;
+use super::walk::{GRAIN, Walk};
 use super::{Merge, MergeHulls};
-use crate::artifact::Dendrogram;
 use crate::geom::merge_rings::{Merger, Ring};
 use crate::geom::outer_hull::{self, Simplifier};
 use crate::geom::{Point, ring};
 
-/// Rings of some clusters, in the order they were made.
+/// Of some places of the postorder, one after the other.
 #[derive(Default)]
 pub struct Part {
-    pub cluster: Vec<u32>,
+    /// Where each ring ends in `rings`; leaves' are not among them.
     ends: Vec<u32>,
     pub rings: Vec<u32>,
     pub merged_edges: Vec<u32>,
-    /// Edges of the ring after its simplification, without collinear vertices.
-    edges: Vec<u32>,
+    /// Doubled areas, square millimetres.
+    pub area: Vec<f64>,
+    /// Edges of the last ring, simplified.
+    edges: u32,
 }
 
 impl Part {
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+    /// The ring of an inner node.
     pub fn ring(&self, i: usize) -> &[u32] {
         let from = if i == 0 { 0 } else { self.ends[i - 1] };
         &self.rings[from as usize..self.ends[i] as usize]
     }
-    fn clear(&mut self) {
-        for column in [&mut self.cluster, &mut self.ends, &mut self.rings, &mut self.merged_edges, &mut self.edges] {
-            column.clear();
-        }
-    }
-    fn push(&mut self, cluster: u32, ring: impl IntoIterator<Item = u32>, merged_edges: u32, edges: u32) {
-        self.cluster.push(cluster);
-        self.rings.extend(ring);
+    /// After its vertices are appended to `rings`.
+    fn end(&mut self, at: &[Point], merged_edges: u32) {
         self.ends.push(self.rings.len() as u32);
         self.merged_edges.push(merged_edges);
-        self.edges.push(edges);
+        self.area.push(ring::doubled_area(at) as f64);
     }
 }
 
-/// Working memory of one thread.
+/// Working memory of one thread: rings that wait for their sibling, end to end.
 #[derive(Default)]
 struct Desk {
     merger: Merger,
     simplifier: Simplifier,
-    points: [Vec<Point>; 2],
     kept: Vec<u32>,
+    at: Vec<Point>,
+    ids: Vec<u32>,
+    /// Of each ring where it begins, and its edges without collinear vertices.
+    waiting: Vec<(usize, u32)>,
 }
 
 pub struct Work<'a> {
-    pub tree: &'a Dendrogram,
+    pub walk: &'a Walk<'a>,
     pub leaves: &'a Leaves,
     pub how: &'a MergeHulls,
     /// Once true, rings no longer matter.
     pub stop: &'a AtomicBool,
 }
 
-/// Subtrees of at most so many leaves are one piece of work.
-const GRAIN: u32 = 256;
-
 impl Work<'_> {
-    /// All rings of a subtree; the last of the last part is the top's.
-    pub fn subtree(&self, top: u32, parts: &mut Vec<Part>) {
-        match self.tree.children(top) {
-            Some([left, right]) if self.tree.size_of(top) > GRAIN => {
-                let mut others = Vec::new();
-                rayon::join(|| self.subtree(left, parts), || self.subtree(right, &mut others));
-                let last = |parts: &[Part]| (parts.len() - 1, parts[parts.len() - 1].cluster.len() - 1);
-                let ((p, i), (q, j)) = (last(parts), last(&others));
-                let mut part = Part::default();
-                self.node(top, (&parts[p], i), (&others[q], j), &mut Desk::default(), &mut part);
-                parts.append(&mut others);
-                parts.push(part);
-            }
-            _ => parts.push(self.sequential(top)),
+    /// All of a subtree in postorder; the last of the last part is the top.
+    pub fn subtree(&self, top: usize, parts: &mut Vec<Part>) {
+        let Some(([left, right], _)) = self.walk.children(top).filter(|(_, [a, b])| a + b > GRAIN) else {
+            return parts.push(self.sequential(top));
+        };
+        let mut others = Vec::new();
+        rayon::join(|| self.subtree(left, parts), || self.subtree(right, &mut others));
+        let (mut desk, mut part) = (Desk::default(), Part::default());
+        for (place, parts) in [(left, &*parts), (right, &others)] {
+            let last = &parts[parts.len() - 1];
+            let ring = match self.walk.children(place) {
+                None => self.leaves.ring(self.walk.postorder[place]),
+                Some(_) => last.ring(last.len() - 1),
+            };
+            let from = desk.at.len();
+            desk.waiting.push((from, last.edges));
+            self.lay(ring, &mut desk);
         }
+        self.node(&mut desk, &mut part);
+        parts.append(&mut others);
+        parts.push(part);
     }
 
-    fn sequential(&self, top: u32) -> Part {
-        let (mut part, mut one) = (Part::default(), Part::default());
-        let mut desk = Desk::default();
-        let mut todo = vec![(top, false)];
-        let mut done: Vec<usize> = Vec::new();
-        while let Some((cluster, ready)) = todo.pop() {
-            match self.tree.children(cluster) {
-                None => {
-                    let ring = self.leaves.ring(cluster);
-                    self.place(ring, &mut desk.points[0]);
-                    let edges = ring::edges_without_collinear(&desk.points[0]) as u32;
-                    part.push(cluster, ring.iter().copied(), edges, edges);
-                }
-                Some([left, right]) if !ready => {
-                    todo.extend([(cluster, true), (right, false), (left, false)]);
-                    continue;
-                }
-                Some(_) => {
-                    let (r, l) = (done.pop().expect("two children"), done.pop().expect("two children"));
-                    one.clear();
-                    self.node(cluster, (&part, l), (&part, r), &mut desk, &mut one);
-                    part.push(cluster, one.rings.iter().copied(), one.merged_edges[0], one.edges[0]);
-                }
+    fn sequential(&self, top: usize) -> Part {
+        let (mut desk, mut part) = (Desk::default(), Part::default());
+        let places = self.walk.subtree(top);
+        let many = places.clone().count();
+        part.ends.reserve_exact(many);
+        part.merged_edges.reserve_exact(many);
+        part.area.reserve_exact(many);
+        for place in places {
+            if self.walk.children(place).is_some() {
+                self.node(&mut desk, &mut part);
+                continue;
             }
-            done.push(part.cluster.len() - 1);
+            let from = desk.at.len();
+            self.lay(self.leaves.ring(self.walk.postorder[place]), &mut desk);
+            let edges = ring::edges_without_collinear(&desk.at[from..]) as u32;
+            desk.waiting.push((from, edges));
+            part.edges = edges;
+            part.end(&desk.at[from..], edges);
         }
+        part.rings.shrink_to_fit();
         part
     }
 
-    fn place(&self, ring: &[u32], out: &mut Vec<Point>) {
-        out.clear();
-        out.extend(ring.iter().map(|&id| self.leaves.vertices[id as usize]));
+    /// Lays a ring on the desk.
+    fn lay(&self, ring: &[u32], desk: &mut Desk) {
+        desk.at.extend(ring.iter().map(|&id| self.leaves.vertices[id as usize]));
+        desk.ids.extend_from_slice(ring);
     }
 
-    /// Appends the ring of one inner node to `part`, from its children's.
-    fn node(&self, cluster: u32, left: (&Part, usize), right: (&Part, usize), desk: &mut Desk, part: &mut Part) {
-        let [l, r] = [left, right].map(|(part, i)| (part.ring(i), part.edges[i]));
+    /// Puts the ring around the two last on the desk in their place, and at the end of `part`.
+    fn node(&self, desk: &mut Desk, part: &mut Part) {
+        let (middle, right) = desk.waiting.pop().expect("two children");
+        let (from, left) = desk.waiting.pop().expect("two children");
         if self.stop.load(Relaxed) {
-            return part.push(cluster, [], 0, 0);
+            desk.at.truncate(from);
+            desk.ids.truncate(from);
         }
-        if l.0.is_empty() || r.0.is_empty() {
-            let only = if l.0.is_empty() { r } else { l };
-            return part.push(cluster, only.0.iter().copied(), only.1, only.1);
+        let (at, ids) = (&desk.at[from..], &desk.ids[from..]);
+        let middle = middle.min(desk.at.len()) - from;
+        let (mut edges, mut merged) = (left.max(right), left.max(right));
+        // Where one of them is empty the other is already there.
+        if middle > 0 && middle < at.len() {
+            let merger = &mut desk.merger;
+            merger.merge(
+                Ring { at: &at[..middle], ids: &ids[..middle] },
+                Ring { at: &at[middle..], ids: &ids[middle..] },
+            );
+            desk.at.truncate(from);
+            desk.ids.truncate(from);
+            merged = ring::edges_without_collinear(&merger.at) as u32;
+            edges = merged;
+            if self.how.merge == Merge::Source {
+                desk.at.extend_from_slice(&merger.at);
+                desk.ids.extend_from_slice(&merger.ids);
+            } else {
+                let target = outer_hull::target(self.how.keep, left + right, self.how.floor, merged);
+                desk.simplifier.keep(&merger.at, &merger.ids, target, &mut desk.kept);
+                desk.at.extend(desk.kept.iter().map(|&i| merger.at[i as usize]));
+                desk.ids.extend(desk.kept.iter().map(|&i| merger.ids[i as usize]));
+                edges = desk.kept.len() as u32;
+            }
         }
-        let Desk { merger, simplifier, points: [at_l, at_r], kept } = desk;
-        self.place(l.0, at_l);
-        self.place(r.0, at_r);
-        merger.merge(Ring { at: at_l, ids: l.0 }, Ring { at: at_r, ids: r.0 });
-        let own = ring::edges_without_collinear(&merger.at) as u32;
-        if self.how.merge == Merge::Source {
-            return part.push(cluster, merger.ids.iter().copied(), own, own);
-        }
-        let target = outer_hull::target(self.how.keep, l.1 + r.1, self.how.floor, own);
-        simplifier.keep(&merger.at, &merger.ids, target, kept);
-        part.push(cluster, kept.iter().map(|&i| merger.ids[i as usize]), own, kept.len() as u32);
+        desk.waiting.push((from, edges));
+        part.edges = edges;
+        part.rings.extend_from_slice(&desk.ids[from..]);
+        part.end(&desk.at[from..], merged);
     }
 }

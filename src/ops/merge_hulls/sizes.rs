@@ -6,8 +6,8 @@ use super::Height;
 use super::heights::{Row, Sweep};
 use super::walk::Walk;
 use crate::artifact::{Footprints, Hulls};
+use crate::geom::overlaps;
 use crate::geom::union_area::Polygon;
-use crate::geom::{overlaps, ring};
 
 /// Doubled square millimetres: whole numbers but for overlaps, so that sums are exact.
 pub struct Built {
@@ -39,7 +39,7 @@ impl Built {
     }
 }
 
-/// Fills areas, negative space and heights.
+/// Fills negative space, ground and heights; areas come doubled, in square millimetres.
 pub fn measure(hulls: &mut Hulls, footprints: &Footprints, walk: &Walk, height: Height, built: &Built) {
     let n = footprints.len();
     let above: Vec<f64> = footprints.top.iter().zip(&footprints.base).map(|(t, b)| t - b).collect();
@@ -57,15 +57,9 @@ pub fn measure(hulls: &mut Hulls, footprints: &Footprints, walk: &Walk, height: 
     hulls.ground = by_cluster(&footprints.base, |r| r.ground);
     hulls.height = by_cluster(&above, |r| r.height);
     hulls.negative_space_m2 = by_cluster(&built.own, |r| r.union);
-    let areas: Vec<f64> = (0..hulls.len())
-        .into_par_iter()
-        .map_init(Vec::new, |points, i| {
-            points.clear();
-            points.extend(hulls.points(i));
-            ring::doubled_area(points) as f64
-        })
-        .collect();
-    hulls.negative_space_m2.par_iter_mut().zip(&areas).for_each(|(union, a)| *union = (a - *union).max(0.0) / 2e6);
-    hulls.area_m2 = areas;
-    hulls.area_m2.par_iter_mut().for_each(|a| *a /= 2e6);
+    let areas = hulls.area_m2.par_iter_mut();
+    areas.zip(&mut hulls.negative_space_m2).for_each(|(area, space)| {
+        *space = (*area - *space).max(0.0) / 2e6;
+        *area /= 2e6;
+    });
 }
