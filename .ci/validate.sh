@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The Khronos glTF validator, the 3D Tiles and the CityJSON schemas over everything that was written:
 # .ci/validate.sh [FOLDER..]
-# Folders: what the tests keep, and what the pipelines published. Schemas: $LODGE_DATA/peer/3dtiles-schema and cityjson.
+# Folders: what the tests keep (of write-glb, too), and what the pipelines published. Schemas: $LODGE_DATA/peer/3dtiles-schema and cityjson.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 here=$PWD

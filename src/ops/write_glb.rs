@@ -30,7 +30,7 @@ crate::inputs! {
 
 impl Op for WriteGlb {
     const NAME: &'static str = "write-glb";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Files;
 

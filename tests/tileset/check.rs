@@ -368,7 +368,15 @@ impl Glb {
 
     fn texts(&self, property: &str) -> Vec<String> {
         let ends = self.view(property, "stringOffsets");
-        let ends: Vec<usize> = ends.as_chunks::<4>().0.iter().map(|c| u32::from_le_bytes(*c) as usize).collect();
+        let table = &self.json["extensions"]["EXT_structural_metadata"]["propertyTables"][0];
+        let width = match table["properties"][property]["stringOffsetType"].as_str() {
+            Some("UINT8") => 1,
+            Some("UINT16") => 2,
+            Some("UINT32") => 4,
+            other => panic!("{other:?}"),
+        };
+        let number = |c: &[u8]| c.iter().rev().fold(0, |sum, &b| sum << 8 | usize::from(b));
+        let ends: Vec<usize> = ends.chunks(width).map(number).collect();
         assert_eq!(ends.len(), self.features + 1);
         let bytes = self.view(property, "values");
         ends.windows(2).map(|w| String::from_utf8(bytes[w[0]..w[1]].to_vec()).unwrap()).collect()

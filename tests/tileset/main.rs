@@ -7,9 +7,10 @@ mod toy;
 use std::sync::Arc;
 
 use check::{Published, check, publish};
-use lodge::artifact::TileTree;
+use lodge::artifact::{Shapes, TileTree};
 use lodge::geom::frame::{Frame, Projection};
-use lodge::op::{Bench, Op};
+use lodge::op::{Bench, Op, cast};
+use lodge::ops::write_glb::{self, WriteGlb};
 use lodge::ops::write_tileset::{In, WriteTileset};
 use serde_json::json;
 
@@ -106,6 +107,23 @@ fn one_building() {
 }
 
 #[test]
+fn walls_in_one_plane_share_an_edge() {
+    let mut tree = toy::one(tokyo());
+    tree.plans = Shapes::default();
+    tree.plans.push_ring(&[[0, 0], [5000, 0], [10_000, 0], [10_000, 8000], [0, 8000]]);
+    tree.plans.end_polygon();
+    tree.plans.end_shape();
+    let (published, _) = write(&tree, 0.0);
+    let globe = tree.frame.globe().unwrap().unwrap();
+    check(&published, &tree, &|p| globe.ecef(p));
+    let glb = gltf::Glb::from_slice(published.iter().find(|(path, _)| path.ends_with(".glb")).unwrap().1).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
+    let walls = &json["meshes"][0]["primitives"][0];
+    let count = |accessor: &serde_json::Value| json["accessors"][accessor.as_u64().unwrap() as usize]["count"].clone();
+    assert_eq!((count(&walls["attributes"]["POSITION"]), count(&walls["indices"])), (json!(18), json!(30)));
+}
+
+#[test]
 fn depth_is_no_danger() {
     let tree = toy::chain(tokyo(), 5_000);
     let (published, _) = write(&tree, 0.0);
@@ -190,5 +208,44 @@ fn real_buildings() {
         let tree = chain::tiles(&footprints, Some(&buildings));
         let (_, seen) = holds(file.split('.').next().unwrap(), &tree);
         assert!(seen.most_triangles <= 20_000 && seen.most_bytes <= 4 << 20, "{seen:?}");
+    }
+}
+
+/// Models of a city's cuts: clusters and single buildings, by number, and by triangles with towers left alone.
+fn models(name: &str, footprints: &chain::Any) {
+    let plan = ("footprints", footprints);
+    let blocks = chain::run("cluster", json!({}), None, &[plan]);
+    let tree = ("dendrogram", &blocks);
+    let hulls = chain::run("merge-hulls", json!({ "height": "median" }), None, &[plan, tree]);
+    let n = footprints.summary()["footprints"].as_u64().unwrap();
+    for (cut, params) in [("few", json!({ "clusters": n.div_ceil(20) })), ("least", json!({ "max-triangles": 8 * n }))]
+    {
+        let cut_hulls = chain::run("cut", params, None, &[("hulls", &hulls), tree]);
+        let mesh = chain::run("extrude", json!({}), None, &[("hulls", &cut_hulls), plan]);
+        let bench = Bench::default();
+        let op = WriteGlb { path: format!("models/{name}-{cut}.glb") };
+        let files = op.run(&bench.ctx(), write_glb::In { model: cast(mesh) }).unwrap();
+        let published = publish("models", &files, &bench.blobs);
+        let glb = gltf::Glb::from_slice(published.values().next().unwrap()).unwrap();
+        gltf::Gltf::from_slice(published.values().next().unwrap()).unwrap();
+        assert!(glb.bin.is_some_and(|b| !b.is_empty()), "{name} {cut}");
+        keep(&format!("model-{name}-{cut}"), &published);
+    }
+}
+
+#[test]
+fn models_of_cuts() {
+    let bytes = std::fs::read("fixtures/town/buildings.geojson").unwrap();
+    models("town", &chain::geojson("buildings.geojson", bytes, json!({})));
+    let Some(data) = data() else { return };
+    for name in ["tokyo_centre", "liechtenstein_osm", "monaco_osm"] {
+        let file = format!("{name}.geojson.gz");
+        let bytes = std::fs::read(format!("{data}/buildings/{file}")).unwrap();
+        let filter = if name.ends_with("_osm") { json!({ "layer": "building" }) } else { json!({}) };
+        models(name, &chain::geojson(&file, bytes, filter));
+    }
+    for file in ["3dbag_tile901_52b.city.jsonl", "delft_lod1_themes.city.json", "vienna_lod2.city.jsonl"] {
+        let bytes = std::fs::read(format!("{data}/citylod/{file}")).unwrap();
+        models(file.split('.').next().unwrap(), &chain::cityjson(file, bytes).1);
     }
 }

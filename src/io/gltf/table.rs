@@ -106,11 +106,17 @@ fn text(file: &mut Builder, values: &Strings, present: &[bool], whole: bool) -> 
     while !whole && values.iter().zip(present).any(|(v, p)| *p && v == free) {
         free.push('-');
     }
-    let (mut all, mut ends) = (Vec::new(), 0u32.to_le_bytes().to_vec());
+    let (mut all, mut ends) = (Vec::new(), vec![0]);
     for (i, &p) in present.iter().enumerate() {
         all.extend_from_slice(if p { values.get(i) } else { &free }.as_bytes());
-        ends.extend_from_slice(&(all.len() as u32).to_le_bytes());
+        ends.push(all.len() as u32);
     }
+    // Offsets in the narrowest type.
+    let (kind, ends): (&str, Vec<u8>) = match all.len() {
+        0..=0xff => ("UINT8", ends.iter().map(|&e| e as u8).collect()),
+        0x100..=0xffff => ("UINT16", ends.iter().flat_map(|&e| (e as u16).to_le_bytes()).collect()),
+        _ => ("UINT32", ends.iter().flat_map(|e| e.to_le_bytes()).collect()),
+    };
     // A view of no bytes is no view: a lone zero stands in where all strings are empty.
     if all.is_empty() {
         all.push(0);
@@ -121,7 +127,7 @@ fn text(file: &mut Builder, values: &Strings, present: &[bool], whole: bool) -> 
         true => json!({ "type": "STRING", "required": true }),
         false => json!({ "type": "STRING", "noData": free }),
     };
-    (property, json!({ "values": view, "stringOffsets": offsets, "stringOffsetType": "UINT32" }))
+    (property, json!({ "values": view, "stringOffsets": offsets, "stringOffsetType": kind }))
 }
 
 /// A property's key: letters, digits and `_` of its name, not a digit first, and not one that is taken.

@@ -93,6 +93,8 @@ impl Pen<'_> {
                 roof.vertices.extend(self.places.iter().map(|p| Vertex::new(p.2, UP, number)));
                 let Some(&last) = self.places.last().filter(|_| top > base) else { continue };
                 let before = std::iter::once(&last).chain(&self.places);
+                // The wall before: its normal, and its corners at the far end.
+                let mut beside: Option<([i8; 3], [u32; 2])> = None;
                 for (p, q) in before.zip(&self.places) {
                     let (x, y) = (q.0[0] - p.0[0], q.0[1] - p.0[1]);
                     let size = (x * x + y * y).sqrt();
@@ -100,8 +102,19 @@ impl Pen<'_> {
                         continue;
                     }
                     let normal = narrow([y / size, -x / size, 0.0]);
-                    push(walls, &[[0, 1, 2], [0, 2, 3]]);
-                    walls.vertices.extend([p.1, q.1, q.2, p.2].map(|place| Vertex::new(place, normal, number)));
+                    let corner = |place| Vertex::new(place, normal, number);
+                    let [low, high] = match beside {
+                        // In one plane, as far as normals tell: one edge between both.
+                        Some((same, edge)) if same == normal => edge,
+                        _ => {
+                            walls.vertices.extend([p.1, p.2].map(corner));
+                            [walls.vertices.len() as u32 - 2, walls.vertices.len() as u32 - 1]
+                        }
+                    };
+                    let far = walls.vertices.len() as u32;
+                    walls.vertices.extend([q.1, q.2].map(corner));
+                    walls.triangles.extend([[low, far, far + 1], [low, far + 1, high]]);
+                    beside = Some((normal, [far, far + 1]));
                 }
             }
         }
@@ -161,7 +174,7 @@ fn narrow(normal: [f64; 3]) -> [i8; 3] {
 }
 
 /// What the tile tells of its features, a row for each; sources are counted from the tile's own first. A leaf's
-/// features are buildings: they have their id, and, second, what the source says of them.
+/// features are buildings: they have their id, and, second, what else the source says of them.
 pub fn table(tree: &TileTree, tile: usize) -> (Vec<Column>, Vec<Column>) {
     let features = tree.features_of(tile);
     let n = features.len();
@@ -179,8 +192,12 @@ pub fn table(tree: &TileTree, tile: usize) -> (Vec<Column>, Vec<Column>) {
     ];
     if tree.is_leaf[tile] {
         let rows = &tree.feature_first[features.clone()];
-        out.push(all("id", Values::Text(rows.iter().map(|&r| tree.ids.get(r as usize)).collect::<Strings>())));
-        return (out, tree.attributes.select(rows).columns);
+        let ids: Strings = rows.iter().map(|&r| tree.ids.get(r as usize)).collect();
+        let mut attributes = tree.attributes.select(rows).columns;
+        // Where the ids are an attribute of that name, once is enough.
+        attributes.retain(|c| c.name != "id" || !matches!(&c.values, Values::Text(v) if *v == ids));
+        out.push(all("id", Values::Text(ids)));
+        return (out, attributes);
     }
     (out, Vec::new())
 }

@@ -10,6 +10,8 @@
 //!         then local), national heights without `height-offset`, features that come to no triangle.
 //! Cost:   O(vertices), tiles in parallel, one tile a thread in memory.
 //! Source: 3D Tiles 1.1; ALGORITHMS, *cut, tile*: contents hold nothing global, so that a small edit changes few.
+//! Tried:  positions as 16-bit numbers (20 bytes a corner would be 16): to stay within a centimetre a tile may be 800 m
+//!         wide, which six in ten are not, so 6 % of all bytes; in pieces of that size 13 %, but four times the draw calls.
 
 mod content;
 
@@ -48,7 +50,7 @@ inputs! {
 
 impl Op for WriteTileset {
     const NAME: &'static str = "write-tileset";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Files;
     const FACTS: &'static [(&'static str, &'static str)] = &[
