@@ -9,6 +9,7 @@ use lodge::geom::ring::{contains, convex_hull, doubled_area};
 use lodge::geom::segments::is_simple;
 use lodge::op::{Bench, Inputs, Op, Source};
 use lodge::ops::cluster::Cluster;
+use lodge::ops::landmarks::landmarks;
 use lodge::ops::merge_hulls::{Merge, MergeHulls, merge_hulls};
 use lodge::ops::read_geojson::ReadGeojson;
 use lodge::ops::simplify_polyline::{SimplifyPolyline, simplify_polyline};
@@ -28,6 +29,24 @@ fn city(name: &str) -> Option<(Footprints, Dendrogram)> {
     let given = vec![vec![Arc::new(footprints.clone()) as _], vec![]];
     let tree = Cluster::default().run(&bench.ctx(), Inputs::take(given)).unwrap();
     Some((footprints, tree))
+}
+
+/// Two operators weigh a cluster's buildings; what one calls its height is the other's.
+#[test]
+fn heights_of_hulls_and_landmarks_agree() {
+    // The town has outlines that cross themselves, parts, and courtyards.
+    let town = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/town/buildings.geojson");
+    let mut bench = Bench::default();
+    bench.sources = vec![Source::of_bytes("town.geojson", std::fs::read(town).unwrap())];
+    let footprints = ReadGeojson::default().run(&bench.ctx(), Inputs::take(Vec::new())).unwrap();
+    let given = Inputs::take(vec![vec![Arc::new(footprints.clone()) as _], vec![]]);
+    let tree = Cluster::default().run(&bench.ctx(), given).unwrap();
+    let (hulls, _) = merge_hulls(&footprints, &tree, &MergeHulls::default());
+    let marks = landmarks(&footprints, &tree);
+    for c in 0..tree.cluster_count() {
+        let (a, b) = (hulls.height[c], marks.cluster_height[c]);
+        assert!((a - b).abs() < 1e-9 * a.max(1.0), "cluster {c}: {a} and {b}");
+    }
 }
 
 fn points(hulls: &Hulls, i: usize) -> Vec<Point> {

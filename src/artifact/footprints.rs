@@ -4,7 +4,9 @@ use serde_json::{Map, Value, json};
 
 use super::{Artifact, Attributes, Kind, Shapes, Strings};
 use crate::geom::frame::Frame;
-use crate::geom::ring::area_m2;
+use crate::geom::overlaps::built_area;
+use crate::geom::segments::is_simple;
+use crate::geom::union_area::Polygon;
 
 crate::columns! {
     /// n buildings' ground polygons on the millimetre grid of the local frame. Shells are counter-clockwise, holes
@@ -34,10 +36,15 @@ impl Footprints {
     pub fn height(&self, i: usize) -> f64 {
         self.top[i] - self.base[i]
     }
-    /// Area of building `i` without its courtyards.
+    /// Area of building `i` without its courtyards; what parts or an outline that crosses itself cover twice counts
+    /// once.
     pub fn area_m2(&self, i: usize) -> f64 {
-        let rings = self.polygons.polygons_of(i).flat_map(|p| self.polygons.rings_of(p));
-        rings.map(|r| area_m2(self.polygons.ring(r))).sum::<f64>().max(0.0)
+        let polygon = |p: usize| {
+            let mut rings = self.polygons.rings_of(p).map(|r| self.polygons.ring(r));
+            Some(Polygon { shell: rings.next()?, holes: rings.collect() })
+        };
+        let all: Vec<Polygon> = self.polygons.polygons_of(i).filter_map(polygon).collect();
+        built_area(&all, all.iter().all(|p| is_simple(p.shell))) / 2e6
     }
 }
 

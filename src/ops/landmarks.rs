@@ -5,6 +5,8 @@
 //! Errors: n differs. Cost: O(n); a question costs O(k log n) for k answers.
 //! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, section 8.
 
+use rayon::prelude::*;
+
 use crate::artifact::{Dendrogram, Footprints, Landmarks};
 use crate::diag::{Diagnostic, Result};
 use crate::op::{Ctx, Op};
@@ -23,7 +25,7 @@ crate::inputs! {
 
 impl Op for FindLandmarks {
     const NAME: &'static str = "landmarks";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Landmarks;
 
@@ -44,12 +46,12 @@ pub fn landmarks(footprints: &Footprints, tree: &Dendrogram) -> Landmarks {
     let height: Vec<f64> = order.iter().map(|&b| footprints.height(b as usize)).collect();
 
     // (area, area * height, height) summed bottom-up: children come before their parents.
-    let n = tree.leaf_count();
-    let mut sums: Vec<[f64; 3]> = Vec::with_capacity(size.len());
-    for b in 0..n {
+    let own = |b: usize| {
         let (area, height) = (footprints.area_m2(b), footprints.height(b));
-        sums.push([area, area * height, height]);
-    }
+        [area, area * height, height]
+    };
+    let mut sums: Vec<[f64; 3]> = (0..tree.leaf_count()).into_par_iter().with_min_len(256).map(own).collect();
+    sums.reserve(tree.left.len());
     for (&l, &r) in tree.left.iter().zip(&tree.right) {
         let (l, r) = (sums[l as usize], sums[r as usize]);
         sums.push([0, 1, 2].map(|k| l[k] + r[k]));
