@@ -120,10 +120,17 @@ pub fn pick_one(graph: &Graph, name: &str) -> Result<usize, Stop> {
 
 /// The cache, opened. What cannot be used at all is exit 4.
 pub fn store(place: &Place) -> Result<Store, Stop> {
-    Store::open(&place.cache).map_err(|error| {
-        let message = format!("cannot use the cache `{}`: {error}", place.cache.display());
-        Stop { exit: Exit::Damaged, diagnostics: vec![Diagnostic::error("cache", message)] }
-    })
+    Store::open(&place.cache).map_err(|error| unusable(place, &error))
+}
+
+/// The cache, for commands that only look: they make none.
+pub fn look(place: &Place) -> Result<Store, Stop> {
+    Store::look(&place.cache).map_err(|error| unusable(place, &error))
+}
+
+fn unusable(place: &Place, error: &std::io::Error) -> Stop {
+    let message = format!("cannot use the cache `{}`: {error}", place.cache.display());
+    Stop { exit: Exit::Damaged, diagnostics: vec![Diagnostic::error("cache", message)] }
 }
 
 /// Runs what is missing of some nodes, for a command that wants their results; publishes nothing.

@@ -20,7 +20,7 @@ impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
         let graph = self.target.load()?;
         let only = engine::pick(&graph, &self.nodes)?;
-        let store = engine::store(&Place::of(globals, &self.target.file))?;
+        let store = engine::look(&Place::of(globals, &self.target.file))?;
         let all = forecast(&graph, &only, &store);
         if globals.json {
             let nodes: Vec<_> = all.iter().map(|f| to_json(&graph, f)).collect();

@@ -66,6 +66,7 @@ impl Teller {
             Event::Started { nodes, pipeline } => {
                 tracing::info!(pipeline, nodes, "started");
                 if let Some(bar) = &self.bar {
+                    bar.reset();
                     bar.set_length(*nodes as u64);
                     bar.enable_steady_tick(Duration::from_millis(200));
                 }

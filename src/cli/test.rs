@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use similar::TextDiff;
 
 use super::engine::{self, Place};
+use super::progress::Teller;
 use super::{Exit, Globals, Outcome, Set, Stop, Target, render};
 use crate::diag::Diagnostic;
 use crate::graph::Graph;
@@ -41,13 +42,14 @@ impl Args {
         if !mistakes.is_empty() {
             return Err(mistakes.into());
         }
+        let mut teller = Teller::new(globals);
         let mut exit = Exit::Done;
         let mut told = Vec::new();
         for (file, graph) in graphs {
             let place = Place::of(globals, &file);
             let mut options = engine::options(globals, &place);
             options.out = None;
-            let outcome = run::run(&graph, &[], &options, &mut |_| ());
+            let outcome = run::run(&graph, &[], &options, &mut |event| teller.hear(event));
             exit = exit.and(super::run::exit(&outcome));
             let errors: Vec<_> = outcome.nodes.iter().filter_map(|n| n.error.clone()).collect();
             let errors = [errors, outcome.errors.clone()].concat();

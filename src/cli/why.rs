@@ -20,7 +20,7 @@ impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
         let graph = self.target.load()?;
         let asked = engine::pick(&graph, std::slice::from_ref(&self.node))?;
-        let store = engine::store(&Place::of(globals, &self.target.file))?;
+        let store = engine::look(&Place::of(globals, &self.target.file))?;
         let all = forecast(&graph, &asked, &store);
         let find = |n: usize| all.iter().find(|f| f.index == n);
         let mut objects = Vec::new();

@@ -155,7 +155,7 @@ impl Shared {
         match task {
             Task::Hash { node, files } => {
                 let hashed = files.into_iter().map(|path| match stamp::hash_input(&path) {
-                    Ok((stamp, digest)) => Ok(InputFile { path, stamp, digest }),
+                    Ok((stamp, digest)) => Ok(InputFile { path, stamp: stamp.on(self.store.grain()), digest }),
                     Err(error) => Err(cannot_read(&path, &error)),
                 });
                 End::Hashed { node, files: hashed.collect() }

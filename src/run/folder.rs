@@ -25,6 +25,18 @@ pub fn is_read_only(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied)
 }
 
+/// What should be a folder, if it is there at all, is one.
+pub fn has_folders(root: &Path) -> io::Result<()> {
+    for part in ["objects", "packs", "tmp", "plans", "published", "runs"] {
+        if let Ok(meta) = fs::symlink_metadata(root.join(part))
+            && !meta.is_dir()
+        {
+            return Err(io::Error::other(format!("`{part}` in the cache is not a folder: remove it")));
+        }
+    }
+    Ok(())
+}
+
 /// Folders and marker files. A marker that is not as it should be is rewritten. The run says that it lives before its
 /// folder is there, else another would sweep it away.
 pub fn prepare(root: &Path, id: u64) -> io::Result<(Arc<Locks>, Guard)> {

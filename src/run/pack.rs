@@ -8,6 +8,7 @@
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
+use std::path::Path;
 
 use crate::digest::Digest;
 
@@ -172,6 +173,12 @@ impl Appender {
         }
         self.file.write_all_at(&bytes, at)
     }
+}
+
+/// A new pack at `path` with some frames of another.
+pub fn rewrite(path: &Path, from: &File, frames: &[Frame]) -> io::Result<()> {
+    let mut pack = Appender::new(File::create_new(path)?);
+    frames.iter().try_for_each(|frame| pack.append(frame.what, &frame.name, &[read(from, frame)?]).map(drop))
 }
 
 #[cfg(test)]

@@ -333,6 +333,10 @@ impl<'a, 'o> Loop<'a, 'o> {
             }
             End::Failed { node, error, seconds, warnings } => {
                 let Some(flight) = self.flights.remove(&node) else { return };
+                // It gave up because it was told to: no failure of its own.
+                if self.stopped() && error.code == "interrupted" {
+                    return;
+                }
                 for n in [node].into_iter().chain(flight.twins) {
                     self.slots[n].seconds = seconds;
                     self.slots[n].warnings = warnings.clone();

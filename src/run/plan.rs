@@ -77,7 +77,7 @@ struct Row {
     digest: Digest,
 }
 
-const TAG: &str = "lodge plan 1";
+const TAG: &str = "lodge plan 2";
 /// Three lengths and checksums: rows, nodes, words.
 const HEAD: usize = 3 * 40;
 
@@ -98,7 +98,8 @@ pub fn compile(
         if digest != Digest::of(text.text.as_bytes()) {
             return Ok(()); // edited meanwhile
         }
-        rows.push(Row { role: Role::Input, remote: is_remote(&text.path), path: text.path.clone(), stamp, digest });
+        let (stamp, remote) = (stamp.on(store.grain()), is_remote(&text.path));
+        rows.push(Row { role: Role::Input, remote, path: text.path.clone(), stamp, digest });
     }
     for file in outcome.nodes.iter().flat_map(|n| &n.files) {
         let (path, stamp, digest) = (file.path.clone(), file.stamp, file.digest);
@@ -113,7 +114,8 @@ pub fn compile(
         // Another run that publishes here notes it.
         let state = store.state("published", &publish::state_name(graph, out));
         if let Some((stamp, digest)) = stamp::hash_output(&state) {
-            rows.push(Row { role: Role::Output, remote: is_remote(&state), path: state, stamp, digest });
+            let (stamp, remote) = (stamp.on(store.grain()), is_remote(&state));
+            rows.push(Row { role: Role::Output, remote, path: state, stamp, digest });
         }
     }
     if rows.iter().any(|row| row.path.to_str().is_none()) {

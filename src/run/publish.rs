@@ -56,7 +56,7 @@ enum End {
     Stopped,
 }
 
-const TAG: &str = "lodge published 1";
+const TAG: &str = "lodge published 2";
 
 /// Publishes the results of `ready` into `out`.
 pub fn publish(
@@ -220,7 +220,7 @@ impl Work<'_> {
             return Some(known.stamp);
         }
         let (stamp, digest) = stamp::hash_output(path)?;
-        (digest == file.blob.digest).then_some(stamp)
+        (digest == file.blob.digest).then_some(stamp.on(self.store.grain()))
     }
 
     fn parents_are_folders(&self, path: &Path) -> bool {
@@ -237,6 +237,7 @@ impl Work<'_> {
         for attempt in 0..2 {
             let mut file = OpenOptions::new().write(true).create_new(true).open(&fresh)?;
             let read = self.store.read(digest, &mut |piece| file.write_all(piece));
+            let before = Stamp::of_file(&file)?;
             drop(file);
             if !matches!(read, Ok(Some(_))) {
                 let _ = fs::remove_file(&fresh);
@@ -258,7 +259,11 @@ impl Work<'_> {
                     let _ = fs::remove_file(&fresh);
                     return Err(e);
                 }
-                Ok(()) => return Ok(Stamp::of_output(path)),
+                Ok(()) => {
+                    let stamp = Stamp::of_output(path);
+                    let alone = |s: &Stamp| s.is_renamed(&before);
+                    return Ok(stamp.map(|s| if alone(&s) { s.on(self.store.grain()) } else { s }));
+                }
             }
         }
         unreachable!("the second attempt renames within a folder")

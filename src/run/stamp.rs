@@ -2,11 +2,12 @@
 //!
 //! A stamp is what the file system says of a file: device, inode, size, mtime and ctime. A program may put back size
 //! and mtime; ctime it cannot set. A clock that ticks coarsely can give two writes one ctime: so a stamp counts only if
-//! it was taken a margin after the file's last change.
+//! it was taken a margin after the file's last change; or where the file system gives every change after a look a time of
+//! its own ([`grain`]), which makes the margin needless.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,8 @@ pub struct Stamp {
     ctime: i64,
     /// Nanoseconds; not part of what is compared.
     taken: i64,
+    /// Any change since would show, whatever the clock's tick ([`grain`]); not part of what is compared.
+    fine: bool,
 }
 
 /// Local file systems tick in 4 ms at most.
@@ -45,6 +48,7 @@ impl Stamp {
             mtime: nanos(meta.mtime(), meta.mtime_nsec()),
             ctime: nanos(meta.ctime(), meta.ctime_nsec()),
             taken: now(),
+            fine: false,
         }
     }
 
@@ -77,7 +81,18 @@ impl Stamp {
     /// Taken so long after the last change that another one would show.
     pub fn settled(&self, remote: bool) -> bool {
         let margin = if remote { MARGIN_REMOTE } else { MARGIN };
-        self.ctime.saturating_add(margin) <= self.taken
+        self.fine || self.ctime.saturating_add(margin) <= self.taken
+    }
+
+    /// Says that the file lies on a device of fine grain, if it does.
+    pub fn on(mut self, grain: Option<u64>) -> Self {
+        self.fine = grain == Some(self.device);
+        self
+    }
+
+    /// Of a file that was looked at, and then renamed by us: whether nobody wrote to it between the two looks.
+    pub fn is_renamed(&self, before: &Self) -> bool {
+        (self.device, self.inode, self.size, self.mtime) == (before.device, before.inode, before.size, before.mtime)
     }
 
     pub fn write(&self, out: &mut Writer) {
@@ -87,6 +102,7 @@ impl Stamp {
         out.i64(self.mtime);
         out.i64(self.ctime);
         out.i64(self.taken);
+        out.0.push(self.fine.into());
     }
 
     pub fn read(from: &mut Reader) -> Option<Self> {
@@ -97,12 +113,29 @@ impl Stamp {
             mtime: from.i64()?,
             ctime: from.i64()?,
             taken: from.i64()?,
+            fine: from.u8()? != 0,
         })
     }
 }
 
 fn now() -> i64 {
     std::time::UNIX_EPOCH.elapsed().map_or(0, |d| d.as_nanos() as i64)
+}
+
+/// The device of a new file at `path`, if any change after a look at a file there changes its ctime, however soon: so
+/// on Linux 6.13 and later with ext4, xfs, btrfs and tmpfs (multigrain timestamps). Tried, not believed: where clocks
+/// tick, the first try fails.
+pub fn grain(path: &Path) -> Option<u64> {
+    let mut file = OpenOptions::new().write(true).create_new(true).open(path).ok()?;
+    let mut seen = BTreeSet::new();
+    let tries = (0..16).try_for_each(|_| {
+        file.write_all(b"x").ok()?;
+        seen.insert(Stamp::of_file(&file).ok()?.ctime).then_some(())
+    });
+    let device = Stamp::of_file(&file).ok().map(|s| s.device);
+    let remote = is_remote(path);
+    fs::remove_file(path).ok()?;
+    tries.and(device).filter(|_| !remote)
 }
 
 /// Whether `path` lies on a file system that is not known to be local.
@@ -138,7 +171,7 @@ pub struct Stamps {
     changed: bool,
 }
 
-const TAG: &str = "lodge stamps 1";
+const TAG: &str = "lodge stamps 2";
 
 impl Stamps {
     pub fn load(store: &Store) -> Self {
@@ -242,6 +275,27 @@ mod tests {
         let after = Stamp::of_input(&path).unwrap();
         assert_eq!(before.mtime, after.mtime);
         assert!(!before.same(&after));
+    }
+
+    #[test]
+    fn where_the_grain_is_fine_every_write_after_a_look_shows() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let grain = grain(&path);
+        assert!(!path.exists());
+        fs::write(&path, "one").unwrap();
+        let old = Stamp::of_input(&path).unwrap().on(grain);
+        assert_eq!(old.settled(true), grain.is_some());
+        assert!(!old.on(Some(old.device + 1)).settled(false));
+        if grain.is_none() {
+            return println!("skipped: this file system's clock ticks");
+        }
+        for i in 0..500 {
+            let before = Stamp::of_input(&path).unwrap();
+            fs::write(&path, format!("{i:03}")).unwrap();
+            File::options().write(true).open(&path).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
+            assert!(!Stamp::of_input(&path).unwrap().same(&before), "write {i}");
+        }
     }
 
     #[test]

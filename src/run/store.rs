@@ -17,12 +17,13 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
-use super::folder::{fresh_id, is_read_only, object_path, open, prepare};
+use super::folder::{fresh_id, has_folders, is_read_only, object_path, open, prepare};
 use super::lock::{Claim, Guard, Locks};
 use super::pack::{self, Appender, Frame, What};
 use super::record::Record;
+use super::stamp;
 use crate::artifact::Blob;
 use crate::digest::Digest;
 
@@ -44,6 +45,7 @@ pub struct Store {
     own: Mutex<Option<Appender>>,
     index: Mutex<Index>,
     names: AtomicU64,
+    grain: OnceLock<Option<u64>>,
 }
 
 #[derive(Default)]
@@ -69,27 +71,35 @@ struct Pack {
 impl Store {
     /// Opens or makes the cache in `root`. Where that cannot be written, results go to a temporary folder.
     pub fn open(root: &Path) -> io::Result<Self> {
-        for part in ["objects", "packs", "tmp", "plans", "published", "runs"] {
-            if let Ok(meta) = fs::symlink_metadata(root.join(part))
-                && !meta.is_dir()
-            {
-                let what = format!("`{}` in the cache is not a folder: remove it", part);
-                return Err(io::Error::other(what));
-            }
-        }
+        has_folders(root)?;
         let id = fresh_id();
-        let (write, overlay, locks, alive) = match prepare(root, id) {
-            Ok((locks, alive)) => (root.to_path_buf(), None, Some(locks), Some(alive)),
+        let store = match prepare(root, id) {
+            Ok((locks, alive)) => Self::new(root, id, None, Some((locks, alive))),
             Err(e) if is_read_only(&e) => {
                 let folder = tempfile::Builder::new().prefix("lodge-").tempdir()?;
                 prepare(folder.path(), id)?;
-                (folder.path().to_path_buf(), Some(folder), None, None)
+                Self::new(root, id, Some(folder), None)
             }
             Err(e) => return Err(e),
         };
-        let store = Self {
+        store.sweep();
+        store.refresh()?;
+        Ok(store)
+    }
+
+    /// Opens a cache, which may be absent, to look at its results. Nothing is made, and nothing can be put.
+    pub fn look(root: &Path) -> io::Result<Self> {
+        has_folders(root)?;
+        let store = Self::new(root, fresh_id(), None, None);
+        store.refresh()?;
+        Ok(store)
+    }
+
+    fn new(root: &Path, id: u64, overlay: Option<tempfile::TempDir>, locks: Option<(Arc<Locks>, Guard)>) -> Self {
+        let (locks, alive) = locks.unzip();
+        Self {
             root: root.to_path_buf(),
-            write,
+            write: overlay.as_ref().map_or(root, |f| f.path()).to_path_buf(),
             overlay,
             id,
             locks,
@@ -97,10 +107,8 @@ impl Store {
             own: Mutex::default(),
             index: Mutex::default(),
             names: AtomicU64::new(0),
-        };
-        store.sweep();
-        store.refresh()?;
-        Ok(store)
+            grain: OnceLock::new(),
+        }
     }
 
     pub fn root(&self) -> &Path {
@@ -110,6 +118,11 @@ impl Store {
     /// Where the small state files of `plan`, `publish` and `last` lie.
     pub fn state(&self, folder: &str, name: &str) -> PathBuf {
         self.root.join(folder).join(name)
+    }
+
+    /// The device of the cache, where changes of files show however soon they come ([`stamp::grain`]).
+    pub fn grain(&self) -> Option<u64> {
+        *self.grain.get_or_init(|| stamp::grain(&self.fresh()))
     }
 
     pub fn is_read_only(&self) -> bool {
@@ -227,11 +240,7 @@ impl Store {
             return fs::remove_file(path);
         }
         let fresh = self.fresh();
-        let mut pack = Appender::new(OpenOptions::new().write(true).create_new(true).open(&fresh)?);
-        let copied = good.iter().try_for_each(|frame| {
-            let body = pack::read(file, frame)?;
-            pack.append(frame.what, &frame.name, &[body]).map(drop)
-        });
+        let copied = pack::rewrite(&fresh, file, good);
         copied.and_then(|()| fs::rename(&fresh, path)).inspect_err(|_| _ = fs::remove_file(&fresh))
     }
 

@@ -80,7 +80,7 @@ mod state {
     use std::path::Path;
 
     use super::{Globals, Graph, Mark};
-    use crate::cli::engine::{Place, store};
+    use crate::cli::engine::{Place, look};
     use crate::run::forecast::{Fate, forecast};
 
     /// A mark for each node; empty ones where there is no cache yet (drawing makes none).
@@ -90,7 +90,7 @@ mod state {
         if !place.cache.is_dir() {
             return marks;
         }
-        let Ok(store) = store(&place) else { return marks };
+        let Ok(store) = look(&place) else { return marks };
         for f in forecast(graph, &[], &store) {
             marks[f.index] = match f.fate {
                 Fate::Cached(record) => Mark { state: "cached", seconds: Some(record.seconds) },
