@@ -165,14 +165,21 @@ fn inner(city: &City, street: &Street, limits: &Limits, x: u32, mut children: Ve
         (drawn, errors) = self::drawn(city, &table, &choice);
         bytes = bytes_of(city, &drawn);
     }
+    let (mut content, mut pen) = (Content::default(), Pen::default());
+    let mut picked = choice.picked.iter();
+    for d in &drawn {
+        let item = if d.landmark { None } else { picked.next() };
+        match (d.shape, item.map(|&i| table.half(i as usize))) {
+            (Shape::Half, Some(half)) if !half.is_empty() => content.draw_ring(half),
+            _ => content.draw(city, d, &mut pen),
+        }
+    }
     let nodes: Vec<u32> = choice.picked.iter().map(|&i| table.items[i as usize].node).collect();
     let lambda = if let Offer::Least { lambda, .. } = choice.offer { lambda } else { guess };
     let cut = Cut { offers: table.left(city, &nodes), nodes, lambda };
 
     let triangles = drawn.iter().map(|d| u64::from(d.triangles)).sum();
     let [error_space, error_height] = errors;
-    let (mut content, mut pen) = (Content::default(), Pen::default());
-    drawn.iter().for_each(|d| content.draw(city, d, &mut pen));
     let (lost, closed) = levels::covered(city, street, &drawn, &content.plans);
     Built {
         node: x,

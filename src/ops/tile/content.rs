@@ -15,6 +15,14 @@ pub struct Content {
 }
 
 impl Content {
+    /// Puts a cluster behind the others by a ring that is known.
+    pub fn draw_ring(&mut self, ring: &[[i32; 2]]) {
+        self.plans.push_ring(ring);
+        self.plans.end_polygon();
+        self.plans.end_shape();
+        self.solids.end_shape();
+    }
+
     /// Puts a feature behind the others. Of solids the ground is left out, as of plans.
     pub fn draw(&mut self, city: &City, d: &Drawn, pen: &mut Pen) {
         let place = city.first(d.node);

@@ -26,13 +26,25 @@ pub fn of_heights(city: &City, x: u32, limit: f64, mut landmark: impl FnMut(usiz
     let (height, roof) = (city.height(x), city.ground(x) + city.height(x));
     let off = |[low, high]: [f64; 2], own: f64| (low - own).abs().max((high - own).abs());
     let mut worst = 0.0f64;
+    let places = city.places(x);
+    if places.len() <= FEW {
+        // Looking at all is faster.
+        for place in places {
+            let own = city.marks.height[place];
+            if own > limit {
+                landmark(place);
+            } else {
+                worst = worst.max((own - height).abs()).max((city.roof[place] - roof).abs());
+            }
+        }
+        return worst;
+    }
     let mut among = |range: Range<usize>| {
         if !range.is_empty() {
             worst = worst.max(off(city.heights.within(&city.marks.height, range.clone()), height));
             worst = worst.max(off(city.roofs.within(&city.roof, range), roof));
         }
     };
-    let places = city.places(x);
     let mut from = places.start;
     city.marks.taller(places.clone(), limit, |place| {
         among(from..place);
@@ -42,6 +54,9 @@ pub fn of_heights(city: &City, x: u32, limit: f64, mut landmark: impl FnMut(usiz
     among(from..places.end);
     worst
 }
+
+/// Members of a cluster that is small.
+const FEW: usize = 48;
 
 /// Error of a node's ring, and its triangles together with its landmarks' as they are. Of a leaf: of the original.
 pub fn of_ring(city: &City, x: u32) -> (f64, u64) {

@@ -59,6 +59,8 @@ pub struct Pen {
     ring: Vec<Point>,
     half: Vec<Point>,
     convex: Vec<Point>,
+    forced: Vec<(f64, u32)>,
+    rest: Vec<(f64, u32)>,
 }
 
 /// In what a cluster may be drawn, and what its members add to the price.
@@ -66,6 +68,8 @@ pub struct Pen {
 pub struct Offers {
     /// The first is the truest: the ring.
     pub forms: Vec<Form>,
+    /// The ring with half its edges, where that is one of them.
+    pub half: Box<[Point]>,
     /// What the members not taller than the cluster show wrong together.
     pub low: f64,
     /// (what it shows wrong where it is not drawn, its place) of each taller member: those above the ring's limit, in
@@ -93,14 +97,17 @@ pub fn ring(city: &City, x: u32) -> Form {
 
 impl Offers {
     pub fn of(city: &City, x: u32, pen: &mut Pen) -> Self {
-        let Pen { draft, ring, half, convex } = pen;
+        let Pen { draft, ring, half, convex, forced, rest } = pen;
         city.ring(x, ring);
         let bounds = Bounds::of(ring.iter().copied());
         let built = area_m2(ring) - city.negative_space(x);
         let form = |shape, edges, space| block(city, x, bounds, shape, edges, space);
-        let mut forms = vec![form(Shape::Ring, ring.len(), city.negative_space(x))];
+        let mut forms = Vec::with_capacity(3);
+        forms.push(form(Shape::Ring, ring.len(), city.negative_space(x)));
         draft.half(ring, half);
+        let mut kept: Box<[Point]> = Box::default();
         if half.len() < ring.len() {
+            kept = half.as_slice().into();
             forms.push(form(Shape::Half, half.len(), area_m2(half) - built));
             draft.convex(half, convex);
             if convex.len() < half.len() {
@@ -113,7 +120,9 @@ impl Offers {
 
         // What its members add.
         let (height, limit) = (city.height(x), forms[0].limit);
-        let (mut low, mut forced, mut rest) = (0.0, Vec::new(), Vec::new());
+        let mut low = 0.0;
+        forced.clear();
+        rest.clear();
         for place in city.places(x) {
             let own = city.marks.height[place];
             let hidden = SEEN_TALL * (own - height).abs() * city.side[place];
@@ -133,7 +142,8 @@ impl Offers {
         };
         let mut hidden_after: Vec<f64> = rest.iter().rev().map(after).collect();
         hidden_after.reverse();
-        Self { forms, low, forced: forced.into(), rest: rest.into(), hidden_after: hidden_after.into() }
+        let (forced, rest) = (forced.as_slice().into(), rest.as_slice().into());
+        Self { forms, half: kept, low, forced, rest, hidden_after: hidden_after.into() }
     }
 }
 
@@ -213,7 +223,7 @@ fn of_building(city: &City, place: usize, pen: &mut Pen, out: &mut Vec<Brief>) {
         triangles,
         shape,
     };
-    let Pen { draft, ring, half, convex } = pen;
+    let Pen { draft, ring, half, convex, .. } = pen;
     city.ring(x, ring);
     let bounds = Bounds::of(ring.iter().copied());
     let most = city.originals.triangles[place];
@@ -258,7 +268,7 @@ fn rectangle(city: &City, place: usize, draft: &mut Draft) -> Option<([Point; 4]
 
 /// The plan of a form that is not the original (nor the footprint): one ring.
 pub fn plan<'a>(city: &City, x: u32, shape: Shape, pen: &'a mut Pen) -> &'a [Point] {
-    let Pen { draft, ring, half, convex } = pen;
+    let Pen { draft, ring, half, convex, .. } = pen;
     city.ring(x, ring);
     match shape {
         Shape::Original | Shape::Footprint => unreachable!("drawn by their polygons"),

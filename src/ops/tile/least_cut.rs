@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::city::City;
 use super::forms::{Form, Offers, Pen, Shape};
+use crate::geom::Point;
 use crate::geom::tree_cut::{self, Item, Prefer, Price, cheapest, spend};
 
 /// The nodes that a tile's cut is made of, and what they offer.
@@ -73,6 +74,11 @@ impl Table {
             u32::MAX => self.known(i).forms[form],
             place => city.alone(place as usize).nth(form).expect("a form of this building"),
         }
+    }
+
+    /// A cluster's ring with half its edges; empty where it was not worked out.
+    pub fn half(&self, i: usize) -> &[Point] {
+        self.offers[i].as_ref().map_or(&[], |o| &o.half)
     }
 
     fn known(&self, i: usize) -> &Offers {

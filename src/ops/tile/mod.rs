@@ -176,6 +176,10 @@ fn flatten(city: &City, street: &Street, root: Built) -> (TileTree, usize) {
     tiles.iter().for_each(|t| drawn.extend(t.features(city)));
     tiles.iter_mut().for_each(|t| t.drawn = Vec::new());
     let each = |of: &(dyn Fn(&Drawn) -> f64 + Sync)| drawn.par_iter().map(of).collect::<Vec<f64>>();
+    let (ids, attributes) = rayon::join(
+        || city.marks.order.iter().map(|&b| city.footprints.ids.get(b as usize)).collect(),
+        || city.footprints.attributes.select(&city.marks.order),
+    );
     let heights = |d: &Drawn| city.heights.within(&city.marks.height, city.places(d.node));
     let mut out = TileTree {
         frame: city.footprints.frame.clone(),
@@ -199,8 +203,8 @@ fn flatten(city: &City, street: &Street, root: Built) -> (TileTree, usize) {
         plans: Shapes::default(),
         solids: Shapes::default(),
         semantics: Vec::new(),
-        ids: city.marks.order.iter().map(|&b| city.footprints.ids.get(b as usize)).collect(),
-        attributes: city.footprints.attributes.select(&city.marks.order),
+        ids,
+        attributes,
         levels,
     };
     let exceeding = tiles.iter().filter(|t| t.exceeds).count();
