@@ -43,6 +43,9 @@ impl Price {
     }
 }
 
+/// Dearer than anything.
+const DEAREST: Price = Price { triangles: u64::MAX, shown: f64::INFINITY };
+
 impl std::ops::Add for Price {
     type Output = Self;
     fn add(self, other: Self) -> Self {
@@ -74,22 +77,22 @@ pub fn above(base: &[u32], parent: &[u32], root: u32) -> Vec<Item> {
 }
 
 /// The cheapest cut: places of its nodes in `items`, ascending, and its price. `own` gives the price at which the
-/// node of an item shows itself; a base node must have one.
-pub fn cheapest(items: &[Item], lambda: f64, mut own: impl FnMut(usize) -> Option<Price>) -> (Vec<u32>, Price) {
+/// node of an item shows itself; it may keep quiet where that is above the price of what lies below, which it is
+/// told. A base node must have one.
+pub fn cheapest(items: &[Item], lambda: f64, mut own: impl FnMut(usize, Price) -> Option<Price>) -> (Vec<u32>, Price) {
     let mut picked: Vec<u32> = Vec::new();
     // Of each finished subtree: its price, and how many nodes were picked before it.
     let mut done: Vec<(Price, usize)> = Vec::new();
     for (i, item) in items.iter().enumerate() {
-        let own = own(i);
         if item.base {
-            done.push((own.expect("a base node offers itself"), picked.len()));
+            done.push((own(i, DEAREST).expect("a base node offers itself"), picked.len()));
             picked.push(i as u32);
             continue;
         }
         let (right, _) = done.pop().expect("postorder");
         let (left, start) = done.pop().expect("postorder");
         let split = left + right;
-        match own {
+        match own(i, split) {
             Some(own) if own.at_most(&split, lambda) => {
                 picked.truncate(start);
                 picked.push(i as u32);
@@ -121,7 +124,7 @@ pub fn fewest(items: &[Item], mut own: impl FnMut(usize) -> Option<u64>) -> u64 
 /// The smallest lambda found (to one part in 10^6) whose cheapest cut has at most `budget` triangles; infinite where
 /// not even the fewest triangles fit. `guess` is where the search begins: it moves no result by more than that part.
 /// `own` as for [`cheapest`], and for any lambda.
-pub fn spend(items: &[Item], budget: u64, guess: f64, own: impl Fn(usize, f64) -> Option<Price>) -> f64 {
+pub fn spend(items: &[Item], budget: u64, guess: f64, own: impl Fn(usize, f64, Price) -> Option<Price>) -> f64 {
     const LEAST: f64 = 1e-6;
     const MOST: f64 = 1e12;
     let mut search = Search {
@@ -139,9 +142,6 @@ pub fn spend(items: &[Item], budget: u64, guess: f64, own: impl Fn(usize, f64) -
         found: Vec::with_capacity(items.len()),
         done: Vec::new(),
     };
-    if search.sweep(f64::INFINITY, &own) > budget {
-        return f64::INFINITY;
-    }
     let (mut low, mut high) = (guess.clamp(LEAST, MOST), guess.clamp(LEAST, MOST));
     if search.sweep(high, &own) <= budget {
         search.keep_high();
@@ -205,18 +205,18 @@ struct Work {
 
 impl Search {
     /// Triangles of the cheapest cut.
-    fn sweep(&mut self, lambda: f64, own: &impl Fn(usize, f64) -> Option<Price>) -> u64 {
+    fn sweep(&mut self, lambda: f64, own: &impl Fn(usize, f64, Price) -> Option<Price>) -> u64 {
         self.found.clear();
         self.done.clear();
         for w in &self.work {
             let price = if w.settled {
                 w.high
             } else if w.base {
-                own(w.at as usize, lambda).expect("a base node offers itself")
+                own(w.at as usize, lambda, DEAREST).expect("a base node offers itself")
             } else {
                 let right = self.done.pop().expect("postorder");
                 let split = self.done.pop().expect("postorder") + right;
-                match own(w.at as usize, lambda) {
+                match own(w.at as usize, lambda, split) {
                     Some(own) if own.at_most(&split, lambda) => own,
                     _ => split,
                 }
@@ -309,7 +309,10 @@ mod tests {
             let price = |cut: &Vec<u32>| cut.iter().map(|&x| own(x)).fold(Price::default(), |a, b| a + b);
             let cuts = all_cuts(root, &size);
             // All nodes are items here, so places and nodes are the same.
-            let own_at = |i: usize| Some(own(i as u32));
+            let own_at = |i: usize, _| Some(own(i as u32));
+            // Quiet where it would not be taken.
+            let shy = |i: usize, beat: Price| Some(own(i as u32)).filter(|p| p.cost(lambda) <= beat.cost(lambda));
+            prop_assert_eq!(cheapest(&items, lambda, shy), cheapest(&items, lambda, own_at));
 
             let (picked, found) = cheapest(&items, lambda, own_at);
             prop_assert_eq!(price(&picked), found);
@@ -321,7 +324,7 @@ mod tests {
             prop_assert_eq!(fewest(&items, |i| Some(own(i as u32).triangles)), few.triangles);
 
             // The search agrees with the sweep, and a tenth less would not do.
-            let found = spend(&items, budget, 1.0, |i, _| own_at(i));
+            let found = spend(&items, budget, 1.0, |i, _, beat| own_at(i, beat));
             prop_assert_eq!(found.is_finite(), few.triangles <= budget);
             if found.is_finite() {
                 prop_assert!(cheapest(&items, found, own_at).1.triangles <= budget);

@@ -207,8 +207,8 @@ fn least(hulls: &Hulls, tree: &Dendrogram, budget: u64) -> Vec<u32> {
     let items = tree_cut::above(&leaves, &parent, postorder.len() as u32 - 1);
     debug_assert_eq!(postorder.last(), Some(&root));
     // All nodes are items, so places and nodes are the same.
-    let own = |i: usize| Some(prices[i]);
-    let lambda = tree_cut::spend(&items, budget, 1.0, |i, _| own(i));
+    let own = |i: usize, _| Some(prices[i]);
+    let lambda = tree_cut::spend(&items, budget, 1.0, |i, _, below| own(i, below));
     let (picked, _) = tree_cut::cheapest(&items, lambda, own);
     picked.iter().map(|&x| postorder[x as usize]).collect()
 }

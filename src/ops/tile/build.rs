@@ -148,20 +148,20 @@ fn inner(city: &City, street: &Street, limits: &Limits, x: u32, mut children: Ve
         known.append(&mut child.cut.offers);
         child.cut = Cut { nodes: Vec::new(), offers: Vec::new(), lambda: 0.0 };
     }
-    let mut table = Table::new(city, above(&base, &city.parent, x), known);
+    let table = Table::new(city, above(&base, &city.parent, x), known);
 
     let mut most = limits.triangles.min(below / 2);
-    let mut choice = choose(city, &mut table, most, error_below, guess, limits.prefer);
+    let mut choice = choose(city, &table, most, error_below, guess, limits.prefer);
     if !choice.fits && most < limits.triangles {
         // Half of what lies below is out of reach for a few buildings: then the bound alone.
         most = limits.triangles;
-        choice = choose(city, &mut table, most, error_below, guess, limits.prefer);
+        choice = choose(city, &table, most, error_below, guess, limits.prefer);
     }
     let (mut drawn, mut errors) = drawn(city, &table, &choice);
     let mut bytes = bytes_of(city, &drawn);
     while bytes > limits.bytes && choice.fits {
         most = (most as f64 * 0.95 * (limits.bytes as f64 / bytes as f64)) as u64;
-        choice = choose(city, &mut table, most, error_below, guess, limits.prefer);
+        choice = choose(city, &table, most, error_below, guess, limits.prefer);
         (drawn, errors) = self::drawn(city, &table, &choice);
         bytes = bytes_of(city, &drawn);
     }

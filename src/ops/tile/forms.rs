@@ -64,7 +64,7 @@ pub struct Pen {
 }
 
 /// In what a cluster may be drawn, and what its members add to the price.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Offers {
     /// The first is the truest: the ring.
     pub forms: Vec<Form>,

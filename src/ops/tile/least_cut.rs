@@ -8,9 +8,10 @@
 //! Only forms whose error is at most the tile's E compete, and E is the smallest for which the cut of the fewest
 //! triangles (the source's: rings, landmarks as they are) fits the budget.
 
-use rayon::prelude::*;
+use std::cell::{OnceCell, RefCell};
 
 use super::city::City;
+use super::error::SEEN_FLAT;
 use super::forms::{Form, Offers, Pen, Shape};
 use crate::geom::Point;
 use crate::geom::tree_cut::{self, Item, Prefer, Price, cheapest, spend};
@@ -20,37 +21,32 @@ pub struct Table {
     pub items: Vec<Item>,
     /// Of each item that is a single building its place; `u32::MAX` of clusters.
     place: Vec<u32>,
+    /// Of clusters what all their forms show wrong at least.
+    floor: Vec<f64>,
     /// Of clusters, worked out when first needed.
-    offers: Vec<Option<Offers>>,
+    offers: Vec<OnceCell<Offers>>,
+    pen: RefCell<Pen>,
 }
 
 impl Table {
     /// `known`: offers that were worked out before, ascending by node; nodes that are no items are none.
     pub fn new(city: &City, items: Vec<Item>, known: Vec<(u32, Offers)>) -> Self {
         let place = |i: &Item| if city.is_leaf(i.node) { city.first(i.node) as u32 } else { u32::MAX };
-        let mut offers: Vec<Option<Offers>> = items.iter().map(|_| None).collect();
+        // No form has less negative space than the ring, but for the last bits.
+        let floor = |i: &Item| SEEN_FLAT * city.negative_space(i.node) * (1.0 - 1e-9);
+        let mut offers = vec![OnceCell::new(); items.len()];
         for (node, offer) in known {
             if let Ok(i) = items.binary_search_by_key(&node, |i| i.node) {
-                offers[i] = Some(offer);
+                offers[i] = OnceCell::from(offer);
             }
         }
-        Self { place: items.iter().map(place).collect(), items, offers }
-    }
-
-    /// Works out what clusters with an error of at most `most_error` offer.
-    pub fn fill(&mut self, city: &City, most_error: f64) {
-        let is_missing = |&i: &usize| {
-            self.place[i] == u32::MAX
-                && self.offers[i].is_none()
-                && city.ring_error[self.items[i].node as usize] <= most_error
-        };
-        let missing: Vec<usize> = (0..self.items.len()).filter(is_missing).collect();
-        let found: Vec<Offers> = missing
-            .par_iter()
-            .with_min_len(16)
-            .map_init(Pen::default, |pen, &i| Offers::of(city, self.items[i].node, pen))
-            .collect();
-        missing.into_iter().zip(found).for_each(|(i, offer)| self.offers[i] = Some(offer));
+        Self {
+            place: items.iter().map(place).collect(),
+            floor: items.iter().map(floor).collect(),
+            items,
+            offers,
+            pen: RefCell::default(),
+        }
     }
 
     /// What the tile above may ask for again: offers of the cut and of what lies above it.
@@ -63,26 +59,26 @@ impl Table {
             }
             // Below a node of the cut: in its subtree.
             let below = next.peek().is_some_and(|&&c| c != item.node && item.node + 2 * city.size(c) as u32 > c + 1);
-            out.extend(offer.filter(|_| !below).map(|o| (item.node, o)));
+            out.extend(offer.into_inner().filter(|_| !below).map(|o| (item.node, o)));
         }
         out
     }
 
-    /// The forms of an item, and its place if it is a single building. A cluster's must be known.
+    /// A form of an item.
     pub fn form(&self, city: &City, i: usize, form: usize) -> Form {
         match self.place[i] {
-            u32::MAX => self.known(i).forms[form],
+            u32::MAX => self.offers(city, i).forms[form],
             place => city.alone(place as usize).nth(form).expect("a form of this building"),
         }
     }
 
     /// A cluster's ring with half its edges; empty where it was not worked out.
     pub fn half(&self, i: usize) -> &[Point] {
-        self.offers[i].as_ref().map_or(&[], |o| &o.half)
+        self.offers[i].get().map_or(&[], |o| &o.half)
     }
 
-    fn known(&self, i: usize) -> &Offers {
-        self.offers[i].as_ref().expect("filled up to this error")
+    fn offers(&self, city: &City, i: usize) -> &Offers {
+        self.offers[i].get_or_init(|| Offers::of(city, self.items[i].node, &mut self.pen.borrow_mut()))
     }
 }
 
@@ -106,7 +102,7 @@ pub enum Offer {
 
 /// The cut of the table's items within `budget`. No error below `error_floor` is aimed at (what lies below has that
 /// error already); `guess` is where the search for lambda begins.
-pub fn choose(city: &City, table: &mut Table, budget: u64, error_floor: f64, guess: f64, prefer: Prefer) -> Choice {
+pub fn choose(city: &City, table: &Table, budget: u64, error_floor: f64, guess: f64, prefer: Prefer) -> Choice {
     let rings: Vec<(f64, u64)> = table
         .items
         .iter()
@@ -130,19 +126,26 @@ pub fn choose(city: &City, table: &mut Table, budget: u64, error_floor: f64, gue
         None => (errors[errors.len() - 1], false),
     };
     if fits && prefer == Prefer::LeastError {
-        table.fill(city, most_error);
-        let lambda = spend(&table.items, budget, guess, |i, lambda| price(city, table, i, lambda, most_error));
+        let own = |i: usize, lambda: f64, below: Price| {
+            let least = (table.place[i] == u32::MAX).then(|| FEWEST * lambda + table.floor[i]);
+            // Dearer than what lies below in any form: no need to know how much.
+            if least.is_some_and(|least| least > below.cost(lambda)) {
+                return None;
+            }
+            price(city, table, i, lambda, most_error)
+        };
+        let lambda = spend(&table.items, budget, guess, own);
         // The search adds up in another order: what it found may miss by a triangle's breadth.
         let mut lambda = lambda;
         while lambda.is_finite() {
-            let (picked, total) = cheapest(&table.items, lambda, |i| price(city, table, i, lambda, most_error));
+            let (picked, total) = cheapest(&table.items, lambda, |i, below| own(i, lambda, below));
             if total.triangles <= budget {
                 return Choice { picked, offer: Offer::Least { lambda, most_error }, fits };
             }
             lambda *= 1.0 + 1e-6;
         }
     }
-    let ring = |i| within(i, most_error).map(|triangles| Price { triangles, shown: 0.0 });
+    let ring = |i, _| within(i, most_error).map(|triangles| Price { triangles, shown: 0.0 });
     Choice { picked: cheapest(&table.items, f64::INFINITY, ring).0, offer: Offer::Fewest, fits }
 }
 
@@ -154,7 +157,7 @@ pub fn price(city: &City, table: &Table, i: usize, lambda: f64, most_error: f64)
     best(city, table, i, lambda, most_error).map(|(_, p)| p)
 }
 
-/// The best form of an item, as a place in its forms. The table is filled up to `most_error`.
+/// The best form of an item, as a place in its forms.
 pub fn best(city: &City, table: &Table, i: usize, lambda: f64, most_error: f64) -> Option<(usize, Price)> {
     if table.place[i] != u32::MAX {
         return Some(draw(city, table.place[i], lambda, most_error));
@@ -162,7 +165,7 @@ pub fn best(city: &City, table: &Table, i: usize, lambda: f64, most_error: f64) 
     if city.ring_error[table.items[i].node as usize] > most_error {
         return None;
     }
-    let offers = table.known(i);
+    let offers = table.offers(city, i);
     // Members that may be drawn: those that some form forces out, and those whose hiding costs more than any drawing
     // (no form has fewer triangles than a prism over a triangle).
     let free = offers.rest.partition_point(|&(hidden, _)| hidden > FEWEST * lambda);
@@ -193,7 +196,7 @@ pub fn landmarks(
     lambda: f64,
     most_error: f64,
 ) -> Vec<(usize, usize)> {
-    let offers = table.known(i);
+    let offers = table.offers(city, i);
     let free = offers.rest.partition_point(|&(hidden, _)| hidden > FEWEST * lambda);
     let drawn = offers.forced.iter().chain(&offers.rest[..free]).filter_map(|&(hidden, place)| {
         let (best, drawn) = draw(city, place, lambda, most_error);
