@@ -19,6 +19,8 @@ pub struct Bridge {
     walls: [Vec<Wall>; 2],
     /// Of each vertex the other ring's that a connection may set out from, as bits.
     open: [Vec<u64>; 2],
+    /// The last ring's edges.
+    lines: Vec<Line>,
     /// Squared length and places, shortest first.
     keys: Vec<u64>,
 }
@@ -35,13 +37,34 @@ impl Bridge {
         r.at.len().max(s.at.len()) <= MOST && reach < LONGEST
     }
 
+    /// The edges of a ring that have some of it on their right; its strictly convex vertices, as bits.
+    fn find_walls(&mut self, k: usize, ring: Ring, from: impl Fn(Point) -> [i64; 2]) -> u64 {
+        let (n, walls) = (ring.at.len(), &mut self.walls[k]);
+        walls.clear();
+        let turn = |i: usize| orient(ring.at[ring.before(i)], ring.at[i], ring.at[ring.after(i)]);
+        let convex = (0..n).fold(0, |bits, i| bits | u64::from(turn(i) > 0) << i);
+        if convex.count_ones() as usize == n {
+            return convex;
+        }
+        for (i, line) in self.lines.iter().enumerate() {
+            if ring.at.iter().fold(0, |any, &p| any | line.right(from(p))) == 1 {
+                let edge = ring.edge(i);
+                walls.push((i as u32, edge, Rect::of(edge)));
+            }
+        }
+        convex
+    }
+
     /// Offers the clear connections, shortest first, until `pairs` has enough.
     pub(super) fn find(&mut self, r: Ring, s: Ring, pairs: &mut Pairs) {
         for (k, ring, other) in [(0, r, s), (1, s, r)] {
-            let convex = convex(ring.at);
-            find_walls(ring, convex, &mut self.walls[k]);
+            let origin = ring.at[0];
+            let from = |p: Point| [0, 1].map(|k| i64::from(p[k]) - i64::from(origin[k]));
+            self.lines.clear();
+            self.lines.extend((0..ring.at.len()).map(|i| Line::through(ring.edge(i).map(from))));
+            let convex = self.find_walls(k, ring, from);
             self.open[k].clear();
-            self.open[k].extend(other.at.iter().map(|&p| open(ring.at, convex, p)));
+            self.open[k].extend(other.at.iter().map(|&p| open(&self.lines, convex, from(p))));
         }
         let [from_r, from_s] = &self.open;
         self.keys.clear();
@@ -70,41 +93,33 @@ impl Bridge {
     }
 }
 
-/// Bit i: vertex i is strictly convex.
-fn convex(ring: &[Point]) -> u64 {
-    let n = ring.len();
-    let turn = |i: usize| {
-        let (a, b) = (if i == 0 { n - 1 } else { i - 1 }, if i + 1 == n { 0 } else { i + 1 });
-        orient(ring[a], ring[i], ring[b])
-    };
-    (0..n).fold(0, |bits, i| bits | u64::from(turn(i) > 0) << i)
+/// A directed line: where x * d + y * e < f is its right side.
+struct Line {
+    d: i64,
+    e: i64,
+    f: i64,
 }
 
-/// Bit i: the way from vertex i to `p` sets out into the open outside of the ring.
-fn open(ring: &[Point], convex: u64, p: Point) -> u64 {
-    let n = ring.len();
-    // Edges, each from the vertex of its number, that `p` is to the right of.
-    let mut right = u64::from(orient(ring[n - 1], ring[0], p) < 0) << (n - 1);
-    for (i, w) in ring.windows(2).enumerate() {
-        right |= u64::from(orient(w[0], w[1], p) < 0) << i;
+impl Line {
+    fn through([a, b]: [[i64; 2]; 2]) -> Self {
+        let (d, e) = (a[1] - b[1], b[0] - a[0]);
+        Self { d, e, f: a[0] * d + a[1] * e }
     }
+    /// 1 where `p` is on its right, else 0.
+    #[inline]
+    fn right(&self, p: [i64; 2]) -> u64 {
+        (p[0] * self.d + p[1] * self.e - self.f) as u64 >> 63
+    }
+}
+
+/// Bit i: the way from vertex i to `p` sets out into the open outside of the ring. `convex`: the strictly convex ones.
+#[inline]
+fn open(lines: &[Line], convex: u64, p: [i64; 2]) -> u64 {
+    let n = lines.len();
+    let right = lines.iter().rev().fold(0, |bits, line| bits << 1 | line.right(p));
     let before = right << 1 | right >> (n - 1);
     let all = u64::MAX >> (64 - n);
     (convex & (before | right) | !convex & before & right) & all
-}
-
-fn find_walls(ring: Ring, convex: u64, out: &mut Vec<Wall>) {
-    out.clear();
-    let n = ring.at.len();
-    if convex.count_ones() as usize == n {
-        return;
-    }
-    for i in 0..n {
-        let [a, b] = ring.edge(i);
-        if ring.at.iter().any(|&p| orient(a, b, p) < 0) {
-            out.push((i as u32, [a, b], Rect::of([a, b])));
-        }
-    }
 }
 
 /// True where p-q meets none of the edges, but for the two at `own` places (which it only leaves).

@@ -115,6 +115,7 @@ impl Pairs {
         let share = self.sums[0][chord.1 as usize]
             .wrapping_sub(self.sums[1][chord.2 as usize])
             .wrapping_add(orient(r.at[0], p, q));
+        let mut least = self.best.map_or(i64::MAX, |b| b.0.0);
         for &(other, its) in &self.clear {
             let mut area = share.wrapping_sub(its);
             if chord.1 < other.1 {
@@ -125,11 +126,15 @@ impl Pairs {
             }
             let swap = area < both.wrapping_sub(area);
             let adds = if swap { area.wrapping_neg() } else { area.wrapping_sub(both) };
+            if adds > least || adds < 0 || chord.1 == other.1 || chord.2 == other.2 {
+                continue;
+            }
             let key = (adds, chord.0.saturating_add(other.0));
-            if adds < 0 || chord.1 == other.1 || chord.2 == other.2 || self.best.is_some_and(|b| b.0 <= key) {
+            if self.best.is_some_and(|b| b.0 <= key) {
                 continue;
             }
             if !segments_meet(p, q, r.at[other.1 as usize], s.at[other.2 as usize]) {
+                least = adds;
                 self.best = Some(if swap { (key, chord, other) } else { (key, other, chord) });
             }
         }

@@ -25,6 +25,7 @@ const SMALL: usize = 48;
 const LARGE: usize = 8192;
 const NONE: u32 = u32::MAX;
 const NEVER: i64 = i64::MAX;
+const GONE: Point = [i32::MIN; 2];
 
 /// The ring with concave vertices removed until it has `target_edges`, or is convex. Simple, counter-clockwise
 /// ring in, the same out; it contains the one given, its vertices are some of them. Ties: earlier vertex first.
@@ -106,59 +107,59 @@ impl Simplifier {
 /// Looks at all vertices for every one that goes.
 fn small(ring: &[Point], ids: &[u32], target: usize, kept: &mut Vec<u32>) {
     let n = ring.len();
-    // Of the vertices left, in order: place, point, what removal adds, and the same where it may go now.
-    let mut live = [0u8; SMALL];
-    let mut at = [[0i32; 2]; SMALL];
+    // What removal adds, the same where it may go now, and where it is (far away once it is gone).
     let mut key = [0i64; SMALL];
     let mut open = [NEVER; SMALL];
-    let mut waits = [u8::MAX; SMALL];
-    let mut left = n;
+    let mut at = [GONE; SMALL];
+    let (mut prev, mut next) = ([0u8; SMALL], [0u8; SMALL]);
+    // Who waits, as bits, and on whom.
+    let (mut waiting, mut waits) = (0u64, [0u8; SMALL]);
     at[..n].copy_from_slice(ring);
     for i in 0..n {
-        live[i] = i as u8;
-        key[i] = added(ring[if i == 0 { n - 1 } else { i - 1 }], ring[i], ring[if i + 1 == n { 0 } else { i + 1 }]);
+        let (a, b) = (if i == 0 { n - 1 } else { i - 1 }, if i + 1 == n { 0 } else { i + 1 });
+        (prev[i], next[i]) = (a as u8, b as u8);
+        key[i] = added(ring[a], ring[i], ring[b]);
         open[i] = if key[i] < 0 { NEVER } else { key[i] };
     }
+    let mut left = n;
     while left > 3 {
-        let area = open[..left].iter().fold(NEVER, |least, &a| least.min(a));
+        let area = open[..n].iter().fold(NEVER, |least, &a| least.min(a));
         if area == NEVER || (area > 0 && left <= target) {
             break;
         }
-        let equal = (0..left).filter(|&k| open[k] == area);
-        let Some(k) = equal.min_by_key(|&k| ids[live[k] as usize]) else { break };
-        let (before, after) = (if k == 0 { left - 1 } else { k - 1 }, if k + 1 == left { 0 } else { k + 1 });
+        let equal = (0..n).filter(|&i| open[i] == area);
+        let Some(i) = equal.min_by_key(|&i| ids[i]) else { break };
+        let (a, b) = (usize::from(prev[i]), usize::from(next[i]));
         if area > 0 {
-            let (a, v, b) = (at[before], at[k], at[after]);
-            let rect = Rect::of([a, v, b]);
-            let blocker = |&j: &usize| rect.holds(at[j]) && ![before, k, after].contains(&j) && blocks(a, v, b, at[j]);
-            if let Some(by) = (0..left).find(blocker) {
-                waits[k] = live[by];
-                open[k] = NEVER;
+            let rect = Rect::of([at[a], at[i], at[b]]);
+            let blocker =
+                |&j: &usize| rect.holds(at[j]) && ![a, i, b].contains(&j) && blocks(at[a], at[i], at[b], at[j]);
+            if let Some(by) = (0..n).find(blocker) {
+                waits[i] = by as u8;
+                waiting |= 1 << i;
+                open[i] = NEVER;
                 continue;
             }
         }
-        let gone = live[k];
         left -= 1;
-        live.copy_within(k + 1..=left, k);
-        at.copy_within(k + 1..=left, k);
-        key.copy_within(k + 1..=left, k);
-        open.copy_within(k + 1..=left, k);
-        waits.copy_within(k + 1..=left, k);
-        for j in 0..left {
-            if waits[j] == gone {
-                waits[j] = u8::MAX;
+        (at[i], open[i]) = (GONE, NEVER);
+        (next[a], prev[b]) = (b as u8, a as u8);
+        let mut others = waiting;
+        while others != 0 {
+            let j = others.trailing_zeros() as usize;
+            others &= others - 1;
+            if usize::from(waits[j]) == i {
+                waiting &= !(1 << j);
                 open[j] = key[j];
             }
         }
-        // What came after now stands at k.
-        for j in [if k == 0 { left - 1 } else { k - 1 }, if k == left { 0 } else { k }] {
-            let (before, after) = (if j == 0 { left - 1 } else { j - 1 }, if j + 1 == left { 0 } else { j + 1 });
-            key[j] = added(at[before], at[j], at[after]);
+        for j in [a, b] {
+            key[j] = added(at[usize::from(prev[j])], at[j], at[usize::from(next[j])]);
             open[j] = if key[j] < 0 { NEVER } else { key[j] };
-            waits[j] = u8::MAX;
+            waiting &= !(1 << j);
         }
     }
-    kept.extend(live[..left].iter().map(|&i| u32::from(i)));
+    kept.extend((0..n as u32).filter(|&i| at[i as usize] != GONE));
 }
 
 /// A ring, or a chain between two fixed ends, under simplification.

@@ -111,7 +111,7 @@ impl Sweep<'_> {
             union: l.union + r.union - self.twice[cluster as usize],
         };
         let [area, ..] = sums.weighted;
-        let size = f64::from(self.walk.tree.size_of(cluster));
+        let size = f64::from(self.walk.size(place));
         let mean = |k: usize| if area > 0.0 { sums.weighted[k + 1] / area } else { sums.plain[k] / size };
         let height = if items.is_empty() {
             mean(1)

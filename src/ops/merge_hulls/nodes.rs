@@ -91,7 +91,7 @@ impl Work<'_> {
         part.merged_edges.reserve_exact(many);
         part.area.reserve_exact(many);
         for place in places {
-            if self.walk.children(place).is_some() {
+            if !self.walk.is_leaf(place) {
                 self.node(&mut desk, &mut part);
                 continue;
             }

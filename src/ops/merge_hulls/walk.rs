@@ -1,5 +1,7 @@
 //! The tree in postorder: a subtree is a run of places, so that a sweep over it needs a stack and nothing else.
 
+use rayon::prelude::*;
+
 use crate::artifact::Dendrogram;
 
 /// Subtrees of at most so many leaves are one piece of work.
@@ -9,11 +11,15 @@ pub struct Walk<'a> {
     pub tree: &'a Dendrogram,
     /// Clusters, left before right before their parent.
     pub postorder: Vec<u32>,
+    /// By place: leaves of the subtree.
+    sizes: Vec<u32>,
 }
 
 impl<'a> Walk<'a> {
     pub fn new(tree: &'a Dendrogram) -> Self {
-        Self { tree, postorder: tree.postorder() }
+        let postorder = tree.postorder();
+        let sizes = postorder.par_iter().map(|&c| tree.size_of(c)).collect();
+        Self { tree, postorder, sizes }
     }
     /// Place of the root.
     pub fn root(&self) -> Option<usize> {
@@ -21,12 +27,21 @@ impl<'a> Walk<'a> {
     }
     /// Places of the children and how many leaves they have; none for a leaf.
     pub fn children(&self, place: usize) -> Option<([usize; 2], [u32; 2])> {
-        let [left, right] = self.tree.children(self.postorder[place])?;
-        let (a, b) = (self.tree.size_of(left), self.tree.size_of(right));
-        Some(([place - 2 * b as usize, place - 1], [a, b]))
+        if self.is_leaf(place) {
+            return None;
+        }
+        let right = self.sizes[place - 1];
+        Some(([place - 2 * right as usize, place - 1], [self.sizes[place] - right, right]))
+    }
+    pub fn is_leaf(&self, place: usize) -> bool {
+        self.sizes[place] == 1
+    }
+    /// Leaves of a subtree.
+    pub fn size(&self, place: usize) -> u32 {
+        self.sizes[place]
     }
     /// All places of a subtree.
     pub fn subtree(&self, top: usize) -> std::ops::RangeInclusive<usize> {
-        top + 2 - 2 * self.tree.size_of(self.postorder[top]) as usize..=top
+        top + 2 - 2 * self.sizes[top] as usize..=top
     }
 }
