@@ -281,8 +281,13 @@ impl Store {
 
     /// The bytes of an object. None if it is missing or damaged; then it is deleted, and remembered as lost.
     pub fn get(&self, digest: &Digest) -> Option<Vec<u8>> {
+        // Room at once: growing would hold a large object twice.
+        let large = |p: &PathBuf| Some(fs::symlink_metadata(p).ok()?.len() as usize);
         let mut out = Vec::new();
         self.read(digest, &mut |piece| {
+            if out.is_empty() {
+                out.reserve_exact(self.places(digest).iter().find_map(large).unwrap_or(0).max(piece.len()));
+            }
             out.extend_from_slice(piece);
             Ok(())
         })
