@@ -260,6 +260,44 @@ fn whole_cities_hold_what_must_hold() {
     }
 }
 
+/// A tree's clusters as sets of buildings: each named by the sum of its members' hashes.
+fn groups(tree: &Dendrogram, ids: &Strings) -> std::collections::BTreeSet<u64> {
+    let hash = |id: &str| u64::from_le_bytes(blake3::hash(id.as_bytes()).as_bytes()[8..16].try_into().unwrap());
+    let mut sums: Vec<u64> = ids.iter().map(hash).collect();
+    for (&l, &r) in tree.left.iter().zip(&tree.right) {
+        sums.push(sums[l as usize].wrapping_add(sums[r as usize]));
+    }
+    sums.into_iter().skip(ids.len()).collect()
+}
+
+/// A quarter turn: centres on a half millimetre go up whichever way that is, all others turn, and where all turn so does
+/// the tree.
+#[test]
+fn turned_by_a_quarter_only_halves_differ() {
+    let turn = |p: &Point| [-p[1], p[0]];
+    for name in CITIES {
+        let Some((all, _)) = city(name) else { return };
+        let mut turned = all.clone();
+        turned.polygons.points = all.polygons.points.iter().map(turn).collect();
+        let of = |f: &Footprints, i: usize| centre(&f.polygons.shells(i).collect::<Vec<_>>());
+        let odd: Vec<[Point; 2]> =
+            (0..all.len()).map(|i| [turn(&of(&all, i)), of(&turned, i)]).filter(|[a, b]| a != b).collect();
+        // By one millimetre, where y was a half.
+        assert!(odd.iter().all(|[a, b]| a[1] == b[1] && b[0] - a[0] == 1), "{name}: {odd:?}");
+        let (a, b) = (cluster(&all, None, Distance::Centroid), cluster(&turned, None, Distance::Centroid));
+        let (a, b) = (groups(&a, &all.ids), groups(&b, &all.ids));
+        let other = a.difference(&b).count();
+        println!("{name}: {} of {} centres differ, and {other} clusters", odd.len(), all.len());
+        assert!(!odd.is_empty() || a == b, "{name}");
+        // A hundredth of the clusters at most: the others hang on no half millimetre.
+        assert!(100 * other <= a.len(), "{name}");
+        assert!(
+            cluster(&all, None, Distance::Footprint) == cluster(&turned, None, Distance::Footprint),
+            "{name}: outlines turn, whatever the centres do"
+        );
+    }
+}
+
 /// Barriers in another system than the buildings, and ones that no system can move.
 #[test]
 fn barriers_in_another_frame_are_moved_or_refused() {

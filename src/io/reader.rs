@@ -33,6 +33,11 @@ pub fn crs_mistake(text: &str) -> Option<String> {
     if text.is_empty() { None } else { Crs::parse(text).err().map(|e| e.message) }
 }
 
+/// What a path says of the file's size in memory.
+pub fn is_packed(path: &str) -> bool {
+    path.ends_with(".gz")
+}
+
 /// Runs `read`, then closes the account that it kept: counts as facts, an error where too few of `what` are left.
 pub fn account<T>(
     report: &Report,

@@ -58,6 +58,10 @@ impl Op for Footprint {
             footprints(&input.buildings, self, ctx, ledger)
         })
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (2 << 20) + 2 * input_bytes
+    }
 }
 
 /// The ground and the roof of one building.

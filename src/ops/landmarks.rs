@@ -37,6 +37,10 @@ impl Op for FindLandmarks {
         }
         Ok(landmarks(&input.footprints, &input.dendrogram))
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (2 << 20) + 3 * input_bytes / 2
+    }
 }
 
 /// Heights in leaf order, and each cluster's mean height weighted by area without courtyards.

@@ -26,7 +26,7 @@ use crate::io::json::Scalar;
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick;
 use crate::io::place::{Bounds, NOWHERE, Placed, Unsaid, place, too_far};
-use crate::io::reader::{account, crs_mistake};
+use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
 
@@ -68,7 +68,7 @@ impl Op for ReadCityjson {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (16 << 20) + 12 * input_bytes
+        (4 << 20) + if is_packed(&self.path) { 15 * input_bytes } else { 5 * input_bytes / 2 }
     }
 }
 

@@ -21,7 +21,7 @@ use crate::io::geojson::{self, Feature, Geometry, GeometryKind};
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Metres, Names, Seen, Where};
 use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
-use crate::io::reader::{account, crs_mistake};
+use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
 
@@ -84,8 +84,8 @@ impl Op for ReadGeojson {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        // Unpacked text is up to ten times as long; an eighth of that is coordinates.
-        (16 << 20) + 12 * input_bytes
+        // Packed text is up to seven times as long.
+        (4 << 20) + if is_packed(&self.path) { 9 * input_bytes } else { 3 * input_bytes / 2 }
     }
 }
 

@@ -17,7 +17,7 @@ use crate::io::geojson::{self, GeometryKind};
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Names, Seen, Where};
 use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
-use crate::io::reader::{account, crs_mistake};
+use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
 
@@ -52,7 +52,7 @@ impl Op for ReadLines {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (16 << 20) + 12 * input_bytes
+        (4 << 20) + if is_packed(&self.path) { 5 * input_bytes } else { input_bytes }
     }
 }
 

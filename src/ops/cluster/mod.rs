@@ -15,6 +15,10 @@
 //! nobody. So only buildings in one face of the plane minus the barriers are compared at all. What cannot be joined without crossing is
 //! joined last, by the same cost with barriers ignored; these merges are marked.
 //!
+//! Turned by 90 degrees or moved, a city has the same tree, but for centres that lie on a half millimetre exactly, as a
+//! parallelogram's may: halves go up, whichever way that is now. So 15 of Liechtenstein's 8,993 clusters and 85 of
+//! Setagaya's 127,211 are others after a turn, and none in five more cities; between outlines nothing differs.
+//!
 //! Tried: Delaunay edges as candidates (0.3 % of the merges of real cities join a pair that is no such edge).
 
 mod forest;
@@ -96,6 +100,11 @@ impl Op for Cluster {
         let tree = cluster(&footprints, segments, self, ctx.stop);
         ctx.check()?;
         Ok(tree)
+    }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        // Twice the footprints; of barriers more, for their faces.
+        (6 << 20) + 3 * input_bytes
     }
 }
 

@@ -104,6 +104,10 @@ impl Op for MergeHulls {
         repairs.into_iter().for_each(|note| ctx.report.repair(note));
         Ok(hulls)
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (4 << 20) + 7 * input_bytes / 2
+    }
 }
 
 /// The hulls, and what had to be repaired.

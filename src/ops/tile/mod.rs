@@ -14,7 +14,8 @@
 //!         negative-space box; members higher than the cluster by `skyline` * e0 are landmarks. Heights are compared
 //!         above their own ground, and also as roofs above zero. A form's negative space is all that it draws wrong.
 //! Facts:  exceeding (tiles above a bound: one building, or landmarks alone), extruded (originals known only by one
-//!         height), street_points; and of each of `levels` `lost` (0) and `closed`.
+//!         height), street_points; and of each of `levels` `lost` (0) and `closed` (an estimate from some 10,000 street points, good
+//!         to about a hundredth; they lie on a grid that does not turn with the city).
 //! Errors: inputs differ, no building, hulls that are a cut or not nested.
 //! Cost:   near O(n log n), parallel over subtrees; memory O(n).
 //! Source: sections 6 and 8 of Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility;
@@ -129,6 +130,10 @@ impl Op for Tile {
         ctx.report.fact("extruded", if input.buildings.is_some() { missing } else { n });
         ctx.report.fact("street_points", street.points.len());
         Ok(tree)
+    }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (4 << 20) + 8 * input_bytes / 3
     }
 }
 

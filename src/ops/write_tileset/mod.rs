@@ -78,7 +78,8 @@ impl Op for WriteTileset {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (64 << 20) + 2 * input_bytes
+        // The tree, and a tile a thread.
+        (6 << 20) + 2 * input_bytes
     }
 }
 
