@@ -101,11 +101,15 @@ pub struct Bench {
     pub sources: Vec<Source>,
     pub report: Report,
     pub blobs: MemoryBlobs,
-    /// True: an interrupted run.
-    pub stop: AtomicBool,
+    stop: AtomicBool,
 }
 
 impl Bench {
+    /// One whose run was interrupted.
+    pub fn interrupted() -> Self {
+        Self { stop: AtomicBool::new(true), ..Self::default() }
+    }
+
     pub fn ctx(&self) -> Ctx<'_> {
         Ctx { sources: &self.sources, report: &self.report, blobs: &self.blobs, stop: &self.stop }
     }

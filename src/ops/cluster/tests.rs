@@ -222,7 +222,7 @@ fn a_wish_to_stop_ends_it() {
             assert_eq!((tree.left.len(), tree.leaf_count()), (0, 3));
         }
     }
-    let bench = Bench { stop, ..Bench::default() };
+    let bench = Bench::interrupted();
     let input = In { footprints: Arc::new(dots(&[[0, 0], [1000, 0]], 0)), barriers: Vec::new() };
     assert_eq!(Cluster::default().run(&bench.ctx(), input).unwrap_err().code, "interrupted");
 }
