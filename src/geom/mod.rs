@@ -29,6 +29,7 @@ pub mod tree_cut;
 pub mod triangulate;
 pub mod union;
 pub mod union_area;
+pub mod vertex_grid;
 
 /// A point in the plan, millimetres in the local frame.
 pub type Point = [i32; 2];

@@ -20,10 +20,10 @@ use rayon::prelude::*;
 use super::Point;
 use super::predicates::orient;
 use super::segments::Rect;
+use super::vertex_grid::{Grid, NONE, blocks};
 
 const SMALL: usize = 48;
 const LARGE: usize = 8192;
-const NONE: u32 = u32::MAX;
 const NEVER: i64 = i64::MAX;
 const GONE: Point = [i32::MIN; 2];
 
@@ -61,12 +61,6 @@ pub fn target(keep: f64, of: u32, floor: f64, own: u32) -> usize {
 #[inline]
 fn added(a: Point, v: Point, b: Point) -> i64 {
     -orient(a, v, b)
-}
-
-/// True where `p` lies in the closed clockwise triangle a, v, b.
-#[inline]
-fn blocks(a: Point, v: Point, b: Point, p: Point) -> bool {
-    orient(a, b, p) >= 0 && orient(b, v, p) >= 0 && orient(v, a, p) >= 0
 }
 
 /// Working memory for many rings, one after the other.
@@ -270,76 +264,6 @@ impl Chain {
                 self.grid.build(&self.at, (0..n as u32).filter(|&i| next[i as usize] != NONE), left);
             }
         }
-    }
-}
-
-/// Vertices by square cells, about two to a cell.
-#[derive(Default)]
-struct Grid {
-    low: Point,
-    /// A coordinate's cell is its distance to `low`, shifted.
-    shift: u32,
-    columns: usize,
-    rows: usize,
-    starts: Vec<u32>,
-    held: Vec<(Point, u32)>,
-}
-
-impl Grid {
-    fn build(&mut self, at: &[Point], live: impl Iterator<Item = u32> + Clone, count: usize) {
-        let rect = Rect::of(live.clone().map(|i| at[i as usize]));
-        let extent = [0, 1].map(|k| (i64::from(rect.high[k]) - i64::from(rect.low[k])) as u64);
-        self.low = rect.low;
-        self.shift = 0;
-        while ((extent[0] >> self.shift) + 1) * ((extent[1] >> self.shift) + 1) > count as u64 {
-            self.shift += 1;
-        }
-        self.columns = (extent[0] >> self.shift) as usize + 1;
-        self.rows = (extent[1] >> self.shift) as usize + 1;
-        self.starts.clear();
-        self.starts.resize(self.columns * self.rows + 1, 0);
-        for i in live.clone() {
-            let [x, y] = self.cell(at[i as usize]);
-            self.starts[y * self.columns + x + 1] += 1;
-        }
-        for c in 1..self.starts.len() {
-            self.starts[c] += self.starts[c - 1];
-        }
-        self.held.clear();
-        self.held.resize(count, ([0, 0], 0));
-        for i in live {
-            let [x, y] = self.cell(at[i as usize]);
-            let slot = &mut self.starts[y * self.columns + x];
-            self.held[*slot as usize] = (at[i as usize], i);
-            *slot += 1;
-        }
-        // The offsets have moved on by one cell each.
-        self.starts.rotate_right(1);
-        self.starts[0] = 0;
-    }
-
-    #[inline]
-    fn cell(&self, p: Point) -> [usize; 2] {
-        [0, 1].map(|k| ((i64::from(p[k]) - i64::from(self.low[k])) >> self.shift) as usize)
-    }
-
-    /// Some live vertex in the closed triangle a, v, b, but its own corners.
-    #[inline]
-    fn blocker(&self, a: Point, v: Point, b: Point, corners: [u32; 3], next: &[u32]) -> Option<u32> {
-        let low = [0, 1].map(|k| a[k].min(v[k]).min(b[k]));
-        let high = [0, 1].map(|k| a[k].max(v[k]).max(b[k]));
-        let ([x0, y0], [x1, y1]) = (self.cell(low), self.cell(high));
-        for y in y0..=y1 {
-            let row = y * self.columns;
-            let held = &self.held[self.starts[row + x0] as usize..self.starts[row + x1 + 1] as usize];
-            for &(p, i) in held {
-                let within = low[0] <= p[0] && p[0] <= high[0] && low[1] <= p[1] && p[1] <= high[1];
-                if within && next[i as usize] != NONE && !corners.contains(&i) && blocks(a, v, b, p) {
-                    return Some(i);
-                }
-            }
-        }
-        None
     }
 }
 
