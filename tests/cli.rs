@@ -1,12 +1,14 @@
 //! The program from outside: exit codes, and standard output that holds nothing but the JSON.
 
+mod support;
+
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use serde_json::Value;
 
 fn lodge(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_lodge")).args(args).env_remove("LODGE_CACHE").output().unwrap()
+    support::binary().args(args).output().unwrap()
 }
 
 fn json(args: &[&str]) -> (i32, Value) {

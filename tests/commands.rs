@@ -84,12 +84,7 @@ fn looking_makes_nothing() {
         assert_eq!(names, ["p.toml", "town.geojson"], "{args:?}");
     }
     // Nor where the cache goes without being told.
-    Command::new(env!("CARGO_BIN_EXE_lodge"))
-        .current_dir(place.dir.path())
-        .env_remove("LODGE_CACHE")
-        .args(["plan", "p.toml"])
-        .output()
-        .unwrap();
+    support::binary().current_dir(place.dir.path()).args(["plan", "p.toml"]).output().unwrap();
     assert!(!place.path(".lodge").exists());
 }
 
@@ -190,7 +185,7 @@ fn snapshots_pend_are_taken_and_thrown_away() {
     assert_eq!(told(&place, &["accept", "p.toml", "hulls"]).0, 2, "nothing is pending");
 
     // In CI nothing is written; progress is told wherever a run is.
-    let done = Command::new(env!("CARGO_BIN_EXE_lodge"))
+    let done = support::binary()
         .current_dir(place.dir.path())
         .env("CI", "true")
         .args(["test", "p.toml", "--cache", "fresh", "--set", "node.read.height=9"])
@@ -335,7 +330,7 @@ fn events_are_lines_in_the_order_of_happening() {
 fn ctrl_c_is_130_and_what_is_finished_is_kept() {
     let place = small();
     place.write("town.geojson", town(110));
-    let mut child = Command::new(env!("CARGO_BIN_EXE_lodge"))
+    let mut child = support::binary()
         .current_dir(place.dir.path())
         .env("LODGE_CACHE", place.path("cache"))
         .args(["run", "p.toml", "-j", "1", "--events", "e.jsonl", "--json"])

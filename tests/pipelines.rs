@@ -1,5 +1,7 @@
 //! Every shipped pipeline runs, from nothing, and each of its stages is as its snapshot says.
 
+mod support;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -9,9 +11,9 @@ fn root() -> &'static Path {
 
 /// The binary with a cache and outputs of its own.
 fn lodge(home: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lodge"));
+    let mut command = support::binary();
     command.arg("--cache").arg(home.join("cache")).arg("--out").arg(home.join("out"));
-    command.env_remove("CI").env_remove("LODGE_CACHE").current_dir(home);
+    command.current_dir(home);
     command
 }
 

@@ -12,6 +12,13 @@ pub fn project() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// The binary, with nothing of the caller's environment that changes what it does: in CI, `test` writes no snapshots.
+pub fn binary() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodge"));
+    command.env_remove("CI").env_remove("LODGE_CACHE").env_remove("NO_COLOR");
+    command
+}
+
 /// Real data, or none after a printed line.
 pub fn real_data() -> Option<PathBuf> {
     match std::env::var_os("LODGE_DATA") {
@@ -46,7 +53,7 @@ impl Place {
 
     /// Runs the binary here; the cache is `cache/`, outputs go to `out/`.
     pub fn lodge<S: AsRef<std::ffi::OsStr>>(&self, args: &[S]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_lodge"))
+        binary()
             .current_dir(self.dir.path())
             .env("LODGE_CACHE", self.path("cache"))
             .arg("--out")
