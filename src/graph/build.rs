@@ -181,14 +181,17 @@ fn make(
     let mut output = None;
     if let Some(name) = marked(properties, "x-output").into_iter().next() {
         let folder = properties[&name]["x-output"] == "folder";
-        match params.get(&name).or(properties[&name].get("default")).and_then(Value::as_str).map(files::output) {
+        // Of one that is missing but required, its absence is already told.
+        let default = properties[&name].get("default").filter(|_| !required(schema).contains(&name));
+        let value = params.get(&name).or(default).cloned();
+        match value.as_ref().and_then(Value::as_str).map(files::output) {
             Some(Ok(path)) => {
                 params.insert(name.clone(), path.clone().into());
                 output = Some((path, folder, span_of(&name).unwrap_or(draft.key.span.clone())));
             }
             Some(Err(why)) => {
                 let d = Diagnostic::error("bad-output", format!("`{name}` {why}"));
-                wrong.push(d.at(span_of(&name).unwrap_or(draft.key.span.clone())).value(params[&name].to_string()));
+                wrong.push(d.at(span_of(&name).unwrap_or(draft.key.span.clone())).value(value.unwrap_or_default().to_string()));
             }
             None => {}
         }
