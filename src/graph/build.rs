@@ -191,7 +191,9 @@ fn make(
             }
             Some(Err(why)) => {
                 let d = Diagnostic::error("bad-output", format!("`{name}` {why}"));
-                wrong.push(d.at(span_of(&name).unwrap_or(draft.key.span.clone())).value(value.unwrap_or_default().to_string()));
+                wrong.push(
+                    d.at(span_of(&name).unwrap_or(draft.key.span.clone())).value(value.unwrap_or_default().to_string()),
+                );
             }
             None => {}
         }
