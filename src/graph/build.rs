@@ -47,6 +47,7 @@ pub fn build(spec: Spec, registry: &Registry, wrong: &mut Diagnostics) -> Graph 
                 let schema = schemas.entry(entry.name).or_insert_with(entry.schema);
                 nodes.push(make(draft, entry, schema, &given, &title, one.inputs, &mut mine));
             } else {
+                words(draft.table, &mut mine);
                 nodes.push(None);
             }
             instances[me].push(names.len());

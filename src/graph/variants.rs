@@ -198,7 +198,8 @@ fn check_axis(key: &Key, table: &Table, scope: &Scope, wrong: &mut Diagnostics) 
 }
 
 /// What a node's inputs give it: every combination in which shared axes agree. `instances` are those of each draft,
-/// with their axes and names; a port that takes many gets all of them and passes no axes on, nor does a named variant.
+/// with their axes and names; a port that takes many gets all of them and passes no axes on, nor does a named variant,
+/// nor any port of an unknown operator.
 pub fn meet(
     draft: &Draft,
     instances: &[Vec<usize>],
@@ -208,7 +209,8 @@ pub fn meet(
 ) -> Vec<Combination> {
     let ports = draft.entry.map_or(&[][..], |e| e.ports);
     let mut out = vec![Combination::default()];
-    for (port, wires) in ports.iter().zip(&draft.wires) {
+    for (port, wires) in draft.wires.iter().enumerate() {
+        let many = ports.get(port).is_none_or(|p| p.many);
         let mut fixed = Vec::new();
         let mut free: Option<&[usize]> = None;
         for wire in wires {
@@ -218,7 +220,7 @@ pub fn meet(
                     Some(&one) => fixed.push(one),
                     None => wrong.push(unknown_variant(name, wire.value, all, names).node(&draft.key.name)),
                 },
-                None if port.many || all.is_empty() || axes[all[0]].is_empty() => fixed.extend(all),
+                None if many || all.is_empty() || axes[all[0]].is_empty() => fixed.extend(all),
                 None => free = Some(all),
             }
         }

@@ -16,7 +16,7 @@ pub struct Draft<'a> {
     pub table: &'a Table,
     /// `None`: unknown operator, said already.
     pub entry: Option<&'static Entry>,
-    /// For each port of the operator.
+    /// For each port of the operator; of an unknown one, for each port that is given.
     pub wires: Vec<Vec<Wire<'a>>>,
     /// Something about its inputs is wrong: what axes reach it is not known.
     pub vague: bool,
@@ -42,9 +42,9 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Diagnostics) {
         let Draft { key, table, entry, .. } = drafts[at];
         let mut found = Vec::new();
         let mut wires = Vec::new();
+        let ports = ports_of(table, &mut found);
         let vague = if let Some(entry) = entry {
             wires.resize_with(entry.ports.len(), Vec::new);
-            let ports = ports_of(table, &mut found);
             let mut meant: Vec<String> = Vec::new();
             for (name, value) in ports {
                 let Some(port) = entry.ports.iter().position(|p| port_name(p) == name.name) else {
@@ -53,7 +53,7 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Diagnostics) {
                     found.push(d);
                     continue;
                 };
-                wires[port] = names(&entry.ports[port], name, value, &index, &mut found);
+                wires[port] = names(Some(&entry.ports[port]), name, value, &index, &mut found);
                 for wire in &wires[port] {
                     check_kind(&entry.ports[port], &drafts[wire.from], wire, &mut found);
                 }
@@ -68,6 +68,7 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Diagnostics) {
             }
             !found.is_empty()
         } else {
+            wires.extend(ports.iter().map(|(name, value)| names(None, name, value, &index, &mut found)));
             true
         };
         wrong.extend(found.into_iter().map(|d| d.node(&key.name)));
@@ -102,17 +103,18 @@ fn unknown_port(entry: &Entry, name: &Key) -> Box<Diagnostic> {
     }
 }
 
-/// The nodes that a port names.
+/// The nodes that a port names; of an operator that nobody knows, any port may take many.
 fn names<'a>(
-    port: &PortDecl,
+    port: Option<&PortDecl>,
     key: &Key,
     value: &'a Val,
     index: &BTreeMap<&str, usize>,
     found: &mut Diagnostics,
 ) -> Vec<Wire<'a>> {
+    let (many, optional) = port.map_or((true, true), |p| (p.many, p.optional));
     let list = match &value.data {
-        Data::List(list) if port.many => &list[..],
-        Data::List(list) if list.is_empty() && port.optional => return Vec::new(),
+        Data::List(list) if many => &list[..],
+        Data::List(list) if list.is_empty() && optional => return Vec::new(),
         Data::List(_) => {
             let sentence = format!("port `{}` takes one node, got a list", key.name);
             found.push(Diagnostic::error("wrong-type", sentence).at(value.span.clone()).value(value.written()));
@@ -124,7 +126,7 @@ fn names<'a>(
     for value in list {
         let Some(text) = value.text() else {
             if !value.is_bad() {
-                let wanted = if port.many { "a node's name, or a list of names" } else { "a node's name" };
+                let wanted = if many { "a node's name, or a list of names" } else { "a node's name" };
                 let sentence = format!("port `{}` must be {wanted}, got {}", key.name, value.found());
                 found.push(Diagnostic::error("wrong-type", sentence).at(value.span.clone()).value(value.written()));
             }
