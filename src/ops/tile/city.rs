@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::artifact::{Dendrogram, Footprints, Hulls, Landmarks};
+use crate::artifact::{Dendrogram, Hulls, Landmarks};
 use crate::geom::Point;
 use crate::geom::extremes::Extremes;
 
@@ -12,13 +12,12 @@ use super::originals::Originals;
 
 /// Everything that tiles are made from. A *node* is a place in the postorder of the dendrogram: the right child of
 /// x is x - 1, its subtree the 2s - 1 nodes up to x. A *place* is one of the leaf order.
-pub struct City<'a> {
-    pub footprints: &'a Footprints,
+pub struct City<'a, 'o> {
     pub hulls: &'a Hulls,
     pub marks: &'a Landmarks,
     /// Heights above a cluster's that make a landmark, as a share of e0.
     pub skyline: f64,
-    pub originals: Originals<'a>,
+    pub originals: Originals<'o>,
 
     /// Dendrogram cluster of each node.
     pub cluster: Vec<u32>,
@@ -44,20 +43,19 @@ pub struct City<'a> {
     alone: Alone,
 }
 
-impl<'a> City<'a> {
+impl<'a, 'o> City<'a, 'o> {
     pub fn new(
-        footprints: &'a Footprints,
-        tree: &'a Dendrogram,
+        tree: &Dendrogram,
         hulls: &'a Hulls,
         marks: &'a Landmarks,
-        originals: Originals<'a>,
+        originals: Originals<'o>,
         skyline: f64,
     ) -> Self {
+        let footprints = originals.footprints;
         let cluster = tree.postorder();
         let (parent, leaves) = tree.postorder_parents(&cluster);
         let roof: Vec<f64> = marks.order.iter().map(|&b| footprints.top[b as usize]).collect();
         let mut city = Self {
-            footprints,
             hulls,
             marks,
             skyline,
@@ -86,10 +84,20 @@ impl<'a> City<'a> {
         city
     }
 
+    /// Keeps of it what the geometry of originals needs, so that the rest no longer takes room.
+    pub fn into_originals(self) -> Originals<'o> {
+        self.originals
+    }
+
     /// Works out the forms of single buildings, without which only leaves can be made.
     pub fn with_forms(mut self) -> Self {
         self.alone = Alone::new(&self);
         self
+    }
+
+    /// Lets go of them again.
+    pub fn without_forms(self) -> Self {
+        Self { alone: Alone::default(), ring_error: Vec::new(), ring_triangles: Vec::new(), ..self }
     }
 
     pub fn root(&self) -> u32 {
@@ -143,12 +151,11 @@ impl<'a> City<'a> {
     }
     /// Row of the building at a place.
     pub fn building(&self, place: usize) -> usize {
-        self.marks.order[place] as usize
+        self.originals.order[place] as usize
     }
     /// The rings of the building at a place.
-    pub fn outline(&self, place: usize) -> impl Iterator<Item = &'a [Point]> + Clone {
-        let polygons = &self.footprints.polygons;
-        polygons.polygons_of(self.building(place)).flat_map(|p| polygons.rings_of(p)).map(|r| polygons.ring(r))
+    pub fn outline(&self, place: usize) -> impl Iterator<Item = &'o [Point]> + Clone + use<'o> {
+        self.originals.outline(place)
     }
     /// The forms of the building at a place; the first is the original.
     pub fn alone(&self, place: usize) -> impl ExactSizeIterator<Item = Form> {

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::artifact::{Attributes, Buildings, Footprints, Landmarks, Values, buildings};
+use crate::geom::Point;
 
 /// Bytes of a vertex and of a triangle in a GLB: position (3 f32), normal (4 i8), feature (f32); three u32.
 const VERTEX: u32 = 20;
@@ -12,7 +13,10 @@ const FEATURE: u32 = 72;
 
 /// The original of each place of the leaf order.
 pub struct Originals<'a> {
+    pub footprints: &'a Footprints,
     pub buildings: Option<&'a Buildings>,
+    /// Row of the building at each place.
+    pub order: Vec<u32>,
     /// Geometry number in `buildings`; `u32::MAX` where the ground polygons are raised.
     solid: Vec<u32>,
     pub triangles: Vec<u32>,
@@ -35,7 +39,7 @@ pub fn raised_bytes(triangles: u32) -> u64 {
 }
 
 impl<'a> Originals<'a> {
-    pub fn new(footprints: &Footprints, marks: &Landmarks, solids: Option<&'a Buildings>) -> Self {
+    pub fn new(footprints: &'a Footprints, marks: &Landmarks, solids: Option<&'a Buildings>) -> Self {
         let by_id = solids.map(|b| {
             let mut rows: Vec<u32> = (0..b.len() as u32).collect();
             rows.sort_unstable_by_key(|&r| b.ids.get(r as usize));
@@ -62,12 +66,20 @@ impl<'a> Originals<'a> {
         };
         let all: Vec<(u32, u32, u32, f64)> = marks.order.par_iter().map(one).collect();
         Self {
+            footprints,
             buildings: solids,
+            order: marks.order.clone(),
             solid: all.iter().map(|o| o.0).collect(),
             triangles: all.iter().map(|o| o.1).collect(),
             bytes: all.iter().map(|o| o.2).collect(),
             off: all.iter().map(|o| o.3).collect(),
         }
+    }
+
+    /// The rings of the building at a place.
+    pub fn outline(&self, place: usize) -> impl Iterator<Item = &'a [Point]> + Clone + use<'a> {
+        let polygons = &self.footprints.polygons;
+        polygons.polygons_of(self.order[place] as usize).flat_map(|p| polygons.rings_of(p)).map(|r| polygons.ring(r))
     }
 
     /// The geometry of `buildings` that stands for the building at a place.

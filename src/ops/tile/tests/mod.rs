@@ -2,6 +2,7 @@
 
 mod solids;
 
+use super::forms::{Pen, Shape};
 use super::least_cut::Table;
 use super::*;
 use crate::artifact::Artifact;
@@ -40,9 +41,9 @@ fn bytes(tree: &TileTree) -> Vec<u8> {
     out.to_bytes()
 }
 
-fn city(toy: &Toy) -> City<'_> {
+fn city(toy: &Toy) -> City<'_, '_> {
     let originals = Originals::new(&toy.footprints, &toy.landmarks, None);
-    City::new(&toy.footprints, &toy.dendrogram, &toy.hulls, &toy.landmarks, originals, 0.2).with_forms()
+    City::new(&toy.dendrogram, &toy.hulls, &toy.landmarks, originals, 0.2).with_forms()
 }
 
 fn forms_of(city: &City, x: u32) -> Vec<forms::Form> {

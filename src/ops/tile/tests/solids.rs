@@ -1,6 +1,7 @@
 //! Buildings with roofs of their own.
 
 use super::*;
+use crate::artifact::Shapes;
 use crate::artifact::{Attributes, Strings, buildings};
 
 /// A gabled roof over the box of every second building.
