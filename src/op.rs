@@ -31,8 +31,8 @@ pub trait Op: Serialize + DeserializeOwned + JsonSchema + Default + Send + Sync 
 
     fn run(&self, ctx: &Ctx, input: Self::In) -> Result<Self::Out>;
 
-    /// Bytes of memory that a run needs, from the encoded bytes of its inputs and files. Measured as the peak of a
-    /// process that runs one node, less that of one that runs none, on the town, Liechtenstein and Setagaya.
+    /// Bytes of memory that a run needs, from the encoded bytes of its inputs and files: what a process that runs
+    /// this one node takes more than one that runs none. `tests/memory.rs` holds it within a factor of two.
     fn estimate(&self, input_bytes: u64) -> u64 {
         (4 << 20) + 4 * input_bytes
     }

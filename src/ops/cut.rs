@@ -101,6 +101,10 @@ impl Op for Cut {
         ctx.report.fact("error_m", clusters.iter().map(|&c| error[c as usize]).fold(0.0, f64::max));
         Ok(take(hulls, &clusters))
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (2 << 20) + 2 * input_bytes
+    }
 }
 
 impl Cut {

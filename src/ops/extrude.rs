@@ -43,6 +43,10 @@ impl Op for Extrude {
         }
         Ok(extrude(&input.hulls, &input.footprints))
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (2 << 20) + 7 * input_bytes / 2
+    }
 }
 
 /// One prism per hull, in order.

@@ -59,6 +59,10 @@ impl Op for SimplifyPolyline {
         ctx.report.fact("edges_before", hulls.rings.len());
         Ok(out)
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (2 << 20) + 5 * input_bytes / 2
+    }
 }
 
 /// The hulls with simplified rings. Their state is `Merged` or `Cut`.

@@ -80,6 +80,11 @@ impl Op for WriteCityjson {
         let blob = ctx.blobs.put(&bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
         Ok(Files { files: vec![File { path: files::below(&self.path, ""), blob, last: false }] })
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        // Every ring and every object's text by itself, then the file.
+        (4 << 20) + 6 * input_bytes
+    }
 }
 
 /// Gives every building its block, and a group for every cluster, in the mesh's order.

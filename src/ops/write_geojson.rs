@@ -48,6 +48,11 @@ impl Op for WriteGeojson {
         let blob = ctx.blobs.put(&bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
         Ok(Files { files: vec![File { path: files::below(&self.path, ""), blob, last: false }] })
     }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        // The text: of rings, whose vertices are shared here, much longer.
+        (4 << 20) + 7 * input_bytes
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Buildings and groups of them as CityJSON 2.0 or CityJSONSeq, in the input's system.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 
 use serde_json::{Map, Value, json};
 
@@ -59,12 +60,39 @@ pub fn sequence(frame: &Frame, pieces: &[Piece]) -> Result<Vec<u8>> {
 pub fn model(frame: &Frame, pieces: &[Piece]) -> Result<Vec<u8>> {
     let ground = Ground::of(frame)?;
     let mut vertices = Vertices::default();
-    let objects: Map<String, Value> =
-        pieces.iter().map(|piece| (piece.id.clone(), ground.object(piece, &mut vertices))).collect();
-    let mut out = ground.header();
-    out["CityObjects"] = objects.into();
-    out["vertices"] = json!(vertices.all);
-    Ok(format!("{out}\n").into_bytes())
+    // Objects as texts: as values they take ten times the room.
+    let texts = pieces.iter().map(|piece| (piece.id.as_str(), ground.object(piece, &mut vertices).to_string()));
+    let texts: BTreeMap<&str, String> = texts.collect();
+    let mut out = String::with_capacity(texts.values().map(|t| t.len() + 40).sum::<usize>() + 30 * vertices.all.len());
+    let separate = |out: &mut String, first: bool, key: &str| {
+        let comma = if first { "" } else { "," };
+        write!(out, "{comma}{}:", Value::from(key)).expect("a string grows");
+    };
+    for (i, (key, value)) in ground.header().as_object().expect("a header is an object").iter().enumerate() {
+        out.push_str(if i == 0 { "{" } else { "" });
+        separate(&mut out, i == 0, key);
+        match key.as_str() {
+            "CityObjects" => {
+                out.push('{');
+                for (i, (id, text)) in texts.iter().enumerate() {
+                    separate(&mut out, i == 0, id);
+                    out.push_str(text);
+                }
+                out.push('}');
+            }
+            "vertices" => {
+                out.push('[');
+                for (i, [x, y, z]) in vertices.all.iter().enumerate() {
+                    let comma = if i == 0 { "" } else { "," };
+                    write!(out, "{comma}[{x},{y},{z}]").expect("a string grows");
+                }
+                out.push(']');
+            }
+            _ => write!(out, "{value}").expect("a string grows"),
+        }
+    }
+    out.push_str("}\n");
+    Ok(out.into_bytes())
 }
 
 /// The vertices of a file or feature, each once.

@@ -1,0 +1,333 @@
+//! What an operator says that it needs of memory (`Op::estimate`), against the most that was alive while it ran: towns
+//! large enough that the fixed parts do not matter, one thread, one node at a time, its inputs from the cache. A binary
+//! of one test: the allocator counts the whole process. With LODGE_DATA also on pieces of real cities.
+
+mod support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use lodge::cli::render::{self, Style};
+use lodge::graph::Graph;
+use lodge::ops::ALL;
+use lodge::run::event::Status;
+use lodge::run::{self, Options};
+use serde_json::Value;
+use support::{Place, project};
+
+/// The system's allocator, counted.
+struct Counting;
+
+static ALIVE: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+fn grown(by: usize) {
+    let now = ALIVE.fetch_add(by, Relaxed) + by;
+    PEAK.fetch_max(now, Relaxed);
+}
+
+// SAFETY: an allocator is unsafe by its trait. This one only counts: every call goes to `System` with its arguments as
+// they came, and gives what that gave.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        grown(layout.size());
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        grown(layout.size());
+        unsafe { System.alloc_zeroed(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        ALIVE.fetch_sub(layout.size(), Relaxed);
+        unsafe { System.dealloc(at, layout) }
+    }
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // Large blocks grow where they are: they are not alive twice.
+        grown(size.saturating_sub(layout.size()));
+        ALIVE.fetch_sub(layout.size().saturating_sub(size), Relaxed);
+        unsafe { System.realloc(at, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+// --------------------------------------------------------------------------------------------------- a larger town
+
+/// The features of a GeoJSON file of the fixture, again and again, so many towns east and north, ids told apart.
+fn many(file: &str, towns: [usize; 2]) -> String {
+    let text = std::fs::read_to_string(project().join("fixtures/town").join(file)).unwrap();
+    let whole: Value = serde_json::from_str(&text).unwrap();
+    let mut lines = Vec::new();
+    for (i, j) in (0..towns[0]).flat_map(|i| (0..towns[1]).map(move |j| (i, j))) {
+        for feature in whole["features"].as_array().unwrap() {
+            let mut feature = feature.clone();
+            feature["id"] = format!("{}-{i}-{j}", feature["id"].as_str().unwrap()).into();
+            moved(&mut feature["geometry"]["coordinates"], [0.025 * i as f64, 0.015 * j as f64]);
+            lines.push(feature.to_string());
+        }
+    }
+    format!("{{\"type\":\"FeatureCollection\",\"features\":[\n{}\n]}}\n", lines.join(",\n"))
+}
+
+/// Degrees, to seven places as in the fixture.
+fn moved(coordinates: &mut Value, by: [f64; 2]) {
+    match coordinates.as_array_mut().unwrap() {
+        position if position[0].is_number() => {
+            for (x, by) in position.iter_mut().zip(by) {
+                *x = (((x.as_f64().unwrap() + by) * 1e7).round() / 1e7).into();
+            }
+        }
+        all => all.iter_mut().for_each(|c| moved(c, by)),
+    }
+}
+
+/// The houses with roofs of the fixture, so many rows of so many copies.
+fn houses(copies: [usize; 2]) -> String {
+    let text = std::fs::read_to_string(project().join("fixtures/town/houses.city.json")).unwrap();
+    let mut model: Value = serde_json::from_str(&text).unwrap();
+    let objects = model["CityObjects"].take();
+    let vertices = model["vertices"].take();
+    let vertices = vertices.as_array().unwrap();
+    let (mut all, mut points) = (serde_json::Map::new(), Vec::new());
+    for (k, (i, j)) in (0..copies[0]).flat_map(|i| (0..copies[1]).map(move |j| (i, j))).enumerate() {
+        for (id, object) in objects.as_object().unwrap() {
+            let mut object = object.clone();
+            for key in ["parents", "children"] {
+                for id in object[key].as_array_mut().into_iter().flatten() {
+                    *id = format!("{}-{k}", id.as_str().unwrap()).into();
+                }
+            }
+            for geometry in object["geometry"].as_array_mut().into_iter().flatten() {
+                raised(&mut geometry["boundaries"], (k * vertices.len()) as u64);
+            }
+            object.as_object_mut().unwrap().retain(|_, v| !v.is_null());
+            all.insert(format!("{id}-{k}"), object);
+        }
+        for v in vertices {
+            let at = |n: usize, by: usize| v[n].as_i64().unwrap() + by as i64;
+            points.push(serde_json::json!([at(0, 100_000 * i), at(1, 60_000 * j), at(2, 0)]));
+        }
+    }
+    model["CityObjects"] = all.into();
+    model["vertices"] = points.into();
+    model.to_string()
+}
+
+fn raised(boundaries: &mut Value, by: u64) {
+    match boundaries {
+        Value::Array(all) => all.iter_mut().for_each(|b| raised(b, by)),
+        number => *number = (number.as_u64().unwrap() + by).into(),
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------ the measure
+
+/// What one run of one node took.
+struct Seen {
+    node: String,
+    op: &'static str,
+    /// Bytes of its inputs and files.
+    input: u64,
+    estimate: u64,
+    peak: u64,
+}
+
+/// Below this a wrong estimate does no harm.
+const LARGE: u64 = 8 << 20;
+
+/// Every node of a pipeline by itself, in order: the others' results come from the cache.
+fn measure(file: &Path, sets: &[String], place: &Place) -> Vec<Seen> {
+    let graph =
+        Arc::new(Graph::load(file, sets, &ALL).unwrap_or_else(|e| panic!("{}", render::text(&e, Style::Plain))));
+    let mut options = Options::new(place.path("cache"));
+    options.out = Some(place.path("out"));
+    let mut bytes: Vec<u64> = Vec::new();
+    let mut all = Vec::new();
+    for (n, node) in graph.nodes.iter().enumerate() {
+        let before = ALIVE.load(Relaxed);
+        PEAK.store(before, Relaxed);
+        let outcome = run::run(&graph, &[n], &options, &mut |_| {});
+        let peak = PEAK.load(Relaxed) - before;
+        assert!(outcome.ok(), "{}: {:?}", node.name, outcome.diagnostics());
+        let done = outcome.nodes.iter().find(|o| o.index == n).unwrap();
+        assert_eq!(done.status, Status::Ran, "{}", node.name);
+        let record = done.record.as_ref().unwrap();
+        bytes.push(record.bytes + record.blob_bytes);
+        let inputs: u64 = node.inputs.iter().flatten().map(|&i| bytes[i]).sum();
+        let files: u64 = done.files.iter().map(|f| f.stamp.size).sum();
+        let input = inputs + files;
+        let estimate = node.op.estimate(input);
+        all.push(Seen { node: node.name.clone(), op: node.entry.name, input, estimate, peak: peak as u64 });
+    }
+    all
+}
+
+/// Readers and operators that the town's own pipeline has not.
+const OTHERS: &str = r#"
+[node.city]
+op = "read-cityjson"
+path = "houses.city.json"
+
+[node.plan]
+op = "footprint"
+in.buildings = "city"
+
+[node.simple-plan]
+op = "simplify-footprints"
+in.footprints = "plan"
+max-edges = 4
+
+[node.tree]
+op = "cluster"
+in.footprints = "plan"
+distance = "footprint"
+
+[node.rings]
+op = "merge-hulls"
+in.footprints = "plan"
+in.dendrogram = "tree"
+merge = "source"
+
+[node.simple-rings]
+op = "simplify-polyline"
+in.hulls = "rings"
+
+[node.level]
+op = "cut"
+in.hulls = "rings"
+in.dendrogram = "tree"
+clusters = 2000
+
+[node.stones]
+op = "extrude"
+in.hulls = "level"
+in.footprints = "plan"
+
+[node.landmarks]
+op = "landmarks"
+in.footprints = "plan"
+in.dendrogram = "tree"
+
+[node.tiles]
+op = "tile"
+in.footprints = "plan"
+in.dendrogram = "tree"
+in.hulls = "rings"
+in.landmarks = "landmarks"
+in.buildings = "city"
+
+[node.tileset]
+op = "write-tileset"
+in.tree = "tiles"
+path = "tileset"
+
+[node.model]
+op = "write-cityjson"
+in.buildings = "city"
+in.mesh = "stones"
+in.footprints = "plan"
+in.dendrogram = "tree"
+path = "model.city.json"
+
+[node.sequence]
+op = "write-cityjson"
+in.buildings = "city"
+path = "model.city.jsonl"
+
+[node.glb]
+op = "write-glb"
+in.model = "stones"
+path = "stones.glb"
+
+[node.map]
+op = "write-geojson"
+in.layer = "plan"
+path = "plan.geojson"
+
+[node.map-of-rings]
+op = "write-geojson"
+in.layer = "rings"
+path = "rings.geojson"
+"#;
+
+const SEQUENCE: &str = r#"
+[node.city]
+op = "read-cityjson"
+path = "out/model.city.jsonl"
+
+[node.packed]
+op = "read-geojson"
+path = "buildings.geojson.gz"
+
+[node.lines]
+op = "read-lines"
+path = "buildings.geojson"
+
+[node.packed-lines]
+op = "read-lines"
+path = "buildings.geojson.gz"
+"#;
+
+#[test]
+fn estimates_are_within_a_factor_of_two() {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build_global().unwrap();
+    let place = Place::new();
+    let towns = [4, 4];
+    let set = |name: &str, path: PathBuf| format!("{name}={path:?}");
+    let buildings = many("buildings.geojson", towns);
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut packed, buildings.as_bytes()).unwrap();
+    place.write("buildings.geojson.gz", packed.finish().unwrap());
+    let sets = [
+        set("buildings", place.write("buildings.geojson", buildings)),
+        set("streets", place.write("streets.geojson", many("streets.geojson", towns))),
+    ];
+    place.write("houses.city.json", houses([25, 40]));
+    let mut all = measure(&project().join("pipelines/town.toml"), &sets, &place);
+    all.extend(measure(&place.write("others.toml", OTHERS), &[], &place));
+    all.extend(measure(&place.write("sequence.toml", SEQUENCE), &[], &place));
+
+    if let Some(data) = support::real_data() {
+        for (pipeline, file) in [
+            ("city-barriers.toml", "buildings/liechtenstein_osm.geojson.gz"),
+            ("city.toml", "buildings/tokyo_centre.geojson.gz"),
+            ("city-cityjson.toml", "citylod/vienna_lod2.city.jsonl"),
+            ("city-cityjson.toml", "citylod/delft_lod1_themes.city.json"),
+            ("city-cityjson.toml", "citylod/3dbag_tile5908_99b.city.jsonl"),
+        ] {
+            let place = Place::new();
+            all.extend(measure(
+                &project().join("pipelines").join(pipeline),
+                &[set("buildings", data.join(file))],
+                &place,
+            ));
+        }
+    }
+
+    let mb = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let (mut wrong, mut table) = (String::new(), String::new());
+    for Seen { node, op, input, estimate, peak } in &all {
+        let ratio = *estimate as f64 / *peak as f64;
+        let line = format!(
+            "{node:24} {op:20} {:6.1} MB of {:6.1}, estimated {:6.1}: {ratio:.2}",
+            mb(*peak),
+            mb(*input),
+            mb(*estimate)
+        );
+        writeln!(table, "{line}").unwrap();
+        if *peak > LARGE && !(0.5..=2.0).contains(&ratio) {
+            writeln!(wrong, "{line}").unwrap();
+        }
+    }
+    println!("{table}");
+    assert!(wrong.is_empty(), "\n{wrong}");
+    // Every operator is large enough here to be judged, but those that need next to nothing.
+    let judged: BTreeSet<&str> = all.iter().filter(|s| s.peak > LARGE).map(|s| s.op).collect();
+    let small: Vec<&str> = ALL.0.iter().map(|e| e.name).filter(|name| !judged.contains(name)).collect();
+    assert!(small.iter().all(|name| ["landmarks", "simplify-footprints"].contains(name)), "{small:?}");
+}
