@@ -122,6 +122,43 @@ fn a_city_model_of_one_or_of_many_at_one_place() {
     assert!(error.contains("no buildings in the input: 0 read, 0 filtered, 0 rejected"), "{error}");
 }
 
+#[test]
+fn the_rest_of_the_city_is_there() {
+    // Barriers of which some are none: houses on both sides of the one that is.
+    let mut features: Vec<Value> = (0..40).map(|i| house(i, 2e-4 * (i % 20) as f64, 5e-4 * (i / 20) as f64)).collect();
+    let road = |id: &str, coordinates: &str| {
+        let line = json!({"type": "Feature", "id": id, "properties": {"layer": "road"}, "geometry":
+            {"type": "LineString", "coordinates": "here"}});
+        line.to_string().replace("\"here\"", coordinates)
+    };
+    features.push(json!({"type": "Feature", "id": "t", "properties": {"layer": "road"}, "geometry":
+        {"type": "Point", "coordinates": [7, 43]}}));
+    let roads = [
+        road("r", "[[6.9,43.0003],[7.1,43.0003]]"),
+        road("nan", "[[7,43],[NaN,43]]"),
+        road("far", "[[7,43],[1e300,43]]"),
+        road("one", "[[7,43]]"),
+        road("s", "[[6.9,43.0004],[7.1,43.0004]]"),
+        road("u", "[[6.9,43.00045],[7.1,43.00045]]"),
+    ];
+    let text = collection(&features).replacen("\"features\":[", &format!("\"features\":[{},", roads.join(",")), 1);
+    let (code, run_, place) = run("city-barriers.toml", "houses.geojson", &text);
+    assert_eq!(code, 0, "{run_}");
+    assert_tileset(&place, &run_, 40);
+    let said = |name: &str, key: &str| node(&run_, name)["summary"][key].as_u64().unwrap();
+    let counts = |name: &str| ["read", "accepted", "rejected", "filtered"].map(|key| said(name, key));
+    assert_eq!((counts("barriers"), counts("footprints")), ([47, 3, 3, 41], [47, 40, 0, 7]));
+
+    // A city model of which two houses stand nowhere.
+    let text = cubes(&[[0, 0], [20, 0], [0, 30], [40, 40], [60, 0]]);
+    let text = text.replacen("[20,0,0]", "[NaN,0,0]", 1).replacen("[40,40,10]", "[40,40,1e300]", 1);
+    let (code, run_, place) = run("city-cityjson.toml", "a.city.json", &text);
+    assert_eq!(code, 0, "{run_}");
+    assert_tileset(&place, &run_, 3);
+    let causes = json!({"a coordinate that is not finite": 1, "a vertex higher or lower than 10,000 m": 1});
+    assert_eq!(node(&run_, "city")["summary"]["rejected_by_cause"], causes);
+}
+
 // ---------------------------------------------------------------------------------------------- bytes that are hardly
 
 type Any = Arc<dyn AnyArtifact>;

@@ -30,6 +30,9 @@ pub fn bounds_of(points: &[[f64; 2]]) -> Bounds {
     points.iter().fold(NOWHERE, |b, p| [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])])
 }
 
+/// Higher buildings, and ground higher or lower than that, are mistakes (metres).
+pub const HIGHEST: f64 = 10_000.0;
+
 /// No projected system reaches farther (metres or feet).
 const FARTHEST: f64 = 1e8;
 

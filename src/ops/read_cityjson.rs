@@ -6,7 +6,7 @@
 //!         one say the same; the others are left out and counted.
 //! Twice:  of several geometries of one object and one level the best stays: one with semantics, else one of solids,
 //!         else the first.
-//! Errors: broken JSON, no transform, features without a header (then `transform` and `crs` say it), nothing left,
+//! Errors: broken JSON (with its line), no transform or a broken one, features without a header (then `transform` and `crs` say it), nothing left,
 //!         too many rejects, a building farther than 2^29 mm from the origin.
 //! Facts:  read = accepted + rejected + filtered counts objects that are nobody's part; filtered_by_type,
 //!         rejected_by_cause, repaired_by_cause; parts, filtered_geometries (points, lines, templates),
@@ -25,7 +25,7 @@ use crate::io::cityjson::{self, Boundary, Model, Object, Transform};
 use crate::io::json::Scalar;
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick;
-use crate::io::place::{Bounds, NOWHERE, Placed, Unsaid, place, too_far};
+use crate::io::place::{Bounds, HIGHEST, NOWHERE, Placed, Unsaid, place, too_far};
 use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
@@ -42,7 +42,7 @@ inputs! {}
 
 impl Op for ReadCityjson {
     const NAME: &'static str = "read-cityjson";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = In;
     type Out = Buildings;
     const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<6, 12>([
@@ -127,6 +127,10 @@ fn gather(params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft
             }
             let transform = header.as_ref().or(params.transform.as_ref());
             let Some(transform) = transform else {
+                if model.bad_transform {
+                    let what = "its `transform` must have `scale` and `translate`, three finite numbers each";
+                    return Err(Diagnostic::error("bad-transform", format!("{name}:{}: {what}", model.line)));
+                }
                 let message = format!("{name}:{}: this CityJSON has no `transform`", model.line);
                 let help =
                     "CityJSON 1.1 and later need one; `cjio in.json upgrade save out.json` gives an older file one";
@@ -316,6 +320,9 @@ fn add(
                 let p: [f64; 3] = std::array::from_fn(|k| v[k] * t.scale[k] + t.translate[k]);
                 if !p.iter().all(|x| x.is_finite()) {
                     return Err(Some("a coordinate that is not finite"));
+                }
+                if p[2].abs() > HIGHEST {
+                    return Err(Some("a vertex higher or lower than 10,000 m"));
                 }
                 *bounds = [bounds[0].min(p[0]), bounds[1].min(p[1]), bounds[2].max(p[0]), bounds[3].max(p[1])];
                 ring.push(p);

@@ -20,7 +20,7 @@ use crate::geom::repair::{self, Repairs};
 use crate::io::geojson::{self, Feature, Geometry, GeometryKind};
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Metres, Names, Seen, Where};
-use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
+use crate::io::place::{Bounds, HIGHEST, Placed, Unsaid, bounds_of, place, too_far};
 use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
@@ -91,8 +91,6 @@ impl Op for ReadGeojson {
 
 /// Metres of a storey.
 const LEVEL: f64 = 3.0;
-/// Higher buildings, and ground higher or lower than that, are mistakes.
-const HIGHEST: f64 = 10_000.0;
 
 /// Features as the files have them: coordinates in the source's system.
 #[derive(Default)]

@@ -30,6 +30,8 @@ pub struct Model<'a> {
     /// A CityJSONFeature: transform and system are its header's.
     pub is_feature: bool,
     pub transform: Option<Transform>,
+    /// There is one, but not of two times three finite numbers.
+    pub bad_transform: bool,
     pub crs: Option<String>,
     pub objects: Vec<Object<'a>>,
     /// Before the transform.
@@ -135,7 +137,10 @@ fn model<'a>(json: &mut Json<'a>, line: u64) -> Parsed<(String, Model<'a>)> {
     json.object(|json, key| {
         match &*key {
             "type" => kind = text(json)?,
-            "transform" if json.peek()? == b'{' => out.transform = transform(json)?,
+            "transform" => {
+                out.transform = if json.peek()? == b'{' { transform(json)? } else { json.skip().map(|()| None)? };
+                out.bad_transform = out.transform.is_none();
+            }
             "metadata" if json.peek()? == b'{' => json.object(|json, key| match &*key {
                 "referenceSystem" => Ok(out.crs = Some(text(json)?).filter(|t| !t.is_empty())),
                 _ => json.skip(),
@@ -189,7 +194,10 @@ fn transform(json: &mut Json) -> Parsed<Option<Transform>> {
             _ => return json.skip(),
         };
         let mut v = Vec::new();
-        json.list(|json| Ok(v.push(json.number()?)))?;
+        if json.peek()? != b'[' {
+            return json.skip();
+        }
+        json.list(|json| Ok(if json.at_number()? { v.push(json.number()?) } else { json.skip()? }))?;
         parts[part] = v.try_into().ok();
         Ok(())
     })?;

@@ -1,0 +1,36 @@
+//! Lines and city models from files with something broken in them: an error with its place, or a reject with its id and
+//! the rest of the file. (Footprints: `readers.rs`; whole pipelines, and bytes changed at random: `bad_input.rs`.)
+
+mod lines;
+mod models;
+
+use lodge::diag::{Findings, Result};
+use lodge::op::{Bench, Inputs, Op, Source};
+
+/// Runs a reader on one file in memory, with parameters as TOML.
+fn read<O: Op>(params: &str, file: &str, bytes: impl Into<Vec<u8>>) -> (Result<O::Out>, Findings) {
+    let mut bench = Bench::default();
+    bench.sources.push(Source::of_bytes(file, bytes.into()));
+    let op: O = toml::from_str(params).unwrap();
+    let out = op.run(&bench.ctx(), O::In::take(Vec::new()));
+    (out, bench.report.finish())
+}
+
+/// Read, accepted, rejected and filtered, which must add up.
+fn counts(f: &Findings) -> [u64; 4] {
+    let all = ["read", "accepted", "rejected", "filtered"].map(|k| f.facts[k].as_u64().unwrap());
+    assert_eq!(all[0], all[1] + all[2] + all[3]);
+    assert_eq!(all[2], f.rejects.len() as u64);
+    all
+}
+
+/// Id, place and cause of every reject, in order.
+fn rejects(f: &Findings) -> Vec<[&str; 3]> {
+    f.rejects.iter().map(|n| [n.id.as_str(), n.place.as_str(), n.cause.as_str()]).collect()
+}
+
+fn gzip(text: &str) -> Vec<u8> {
+    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut out, text.as_bytes()).unwrap();
+    out.finish().unwrap()
+}
