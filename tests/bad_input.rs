@@ -302,7 +302,9 @@ proptest! {
             if let Ok(footprints) = flat {
                 tileset(&footprints, Some(&buildings));
             }
-            operator("write-cityjson", json!({"path": "b.city.json"}), None, &[("buildings", &buildings)]).0.unwrap();
+            let written = operator("write-cityjson", json!({"path": "b.city.json"}), None, &[("buildings", &buildings)]).0;
+            // Levels of detail may have changed to none that can be written.
+            prop_assert!(written.map_or_else(|e| e.code == "no-features", |_| true));
         }
     }
 

@@ -39,6 +39,12 @@ fn keep(name: &str, bytes: &[u8]) {
     std::fs::write(folder.join(name), bytes).unwrap();
 }
 
+/// The levels of detail of the schema of CityJSON 2.0.
+const LEVELS: [&str; 20] = [
+    "0", "1", "2", "3", "0.0", "0.1", "0.2", "0.3", "1.0", "1.1", "1.2", "1.3", "2.0", "2.1", "2.2", "2.3", "3.0",
+    "3.1", "3.2", "3.3",
+];
+
 /// What the schemas cannot say: both ends of every family, no vertex beyond the last or twice, no attribute of an
 /// extension that nobody declares.
 fn assert_consistent(name: &str, model: &Value) {
@@ -57,6 +63,7 @@ fn assert_consistent(name: &str, model: &Value) {
             }
         }
         for geometry in object["geometry"].as_array().into_iter().flatten() {
+            assert!(LEVELS.contains(&geometry["lod"].as_str().unwrap()), "{name}: {id}: {}", geometry["lod"]);
             let mut open = vec![&geometry["boundaries"]];
             while let Some(v) = open.pop() {
                 match v {
@@ -160,4 +167,123 @@ fn real_city_models() {
     ] {
         holds(name, std::fs::read(folder.join(name)).unwrap());
     }
+}
+
+#[test]
+fn levels_are_those_of_the_schema() {
+    for lod in LEVELS {
+        assert!(lodge::io::cityjson::is_level(lod), "{lod}");
+    }
+    for lod in ["", "4", "1.4", "0.5", "1.", ".1", "2.20", "10", "-1", "LoD2", " 1", "1 ", "1,2"] {
+        assert!(!lodge::io::cityjson::is_level(lod), "{lod}");
+    }
+    let Some(data) = support::real_data() else { return };
+    let text = std::fs::read_to_string(data.join("peer/cityjson/cityjson.min.schema.json")).unwrap();
+    let mut open = vec![serde_json::from_str::<Value>(&text).unwrap()];
+    let mut rules = BTreeSet::new();
+    while let Some(value) = open.pop() {
+        rules.extend(value.get("lod").map(|rule| rule["enum"].to_string()));
+        match value {
+            Value::Array(all) => open.extend(all),
+            Value::Object(all) => open.extend(all.into_iter().map(|(_, v)| v)),
+            _ => {}
+        }
+    }
+    assert_eq!(rules.into_iter().collect::<Vec<_>>(), [json!(LEVELS).to_string()]);
+}
+
+/// A city of a tetrahedron a level for each building, at levels as a file may have them.
+fn city_of(levels: &[(&str, &[Value])]) -> Any {
+    let solid = |lod: &Value| {
+        let mut one = json!({ "type": "Solid", "boundaries": [[[[0, 2, 1]], [[0, 1, 3]], [[1, 2, 3]], [[2, 0, 3]]]] });
+        if !lod.is_null() {
+            one["lod"] = lod.clone();
+        }
+        one
+    };
+    let objects: serde_json::Map<String, Value> = levels
+        .iter()
+        .map(|(id, lods)| {
+            let geometry: Vec<Value> = lods.iter().map(solid).collect();
+            (id.to_string(), json!({ "type": "Building", "attributes": { "year": 1 }, "geometry": geometry }))
+        })
+        .collect();
+    let model = json!({ "type": "CityJSON", "version": "1.1", "CityObjects": objects,
+        "transform": { "scale": [0.001, 0.001, 0.001], "translate": [0, 0, 0] },
+        "vertices": [[0, 0, 0], [9000, 0, 0], [0, 9000, 0], [3000, 3000, 6000]] });
+    read("odd.city.json", model.to_string().into_bytes())
+}
+
+#[test]
+fn levels_that_cityjson_has_no_name_for() {
+    let all = |text: &[&str]| text.iter().map(|&t| Value::from(t)).collect::<Vec<_>>();
+    let city = city_of(&[
+        ("all good", &all(&["1", "2.2"])),
+        ("half", &all(&["1", "2.5", "LoD2"])),
+        ("none", &all(&["2.5"])),
+        ("number", &[json!(2.1), json!(4)]),
+        ("unsaid", &[Value::Null]),
+    ]);
+    for file in ["odd.city.json", "odd.city.jsonl"] {
+        let bench = Bench::default();
+        let op = (ALL.get("write-cityjson").unwrap().build)(json!({ "path": file })).unwrap();
+        let out = op.run(&bench.ctx(), vec![vec![city.clone()], vec![], vec![], vec![]]).unwrap();
+        let blob = out.as_any().downcast_ref::<Files>().unwrap().files[0].blob;
+        let bytes = bench.blobs.0.lock().unwrap()[&blob.digest].clone();
+        keep(file, &bytes);
+        let mut found = BTreeMap::new();
+        for line in String::from_utf8(bytes).unwrap().lines() {
+            let model: Value = serde_json::from_str(line).unwrap();
+            assert_consistent(file, &model);
+            for (id, object) in model["CityObjects"].as_object().unwrap() {
+                assert_eq!(object["attributes"]["year"], 1);
+                let lods =
+                    object["geometry"].as_array().unwrap().iter().map(|g| g["lod"].as_str().unwrap().to_string());
+                found.insert(id.clone(), lods.collect::<Vec<_>>());
+            }
+        }
+        assert_eq!(json!(found), json!({ "all good": ["1", "2.2"], "half": ["1"], "number": ["2.1"] }));
+        let said = bench.report.finish();
+        let ids = |notes: &[lodge::diag::Note]| notes.iter().map(|n| n.id.clone()).collect::<Vec<_>>();
+        assert_eq!(
+            (ids(&said.rejects), ids(&said.repairs)),
+            (all_ids(&["none", "unsaid"]), all_ids(&["half", "number"]))
+        );
+        let lost = r#""" (1), "2.5" (2), "4" (1), "LoD2" (1)"#;
+        let warning = format!("geometries of levels that CityJSON 2.0 has no name for are left out: {lost}");
+        assert_eq!(said.warnings, [warning]);
+    }
+    // With a block of its own, or in a cluster, a building without another geometry stays.
+    let city = city_of(&[("a", &all(&["2.5"])), ("b", &all(&["9"]))]);
+    let buildings = ("buildings", &city);
+    let plan = run("footprint", json!({}), None, &[buildings]).0;
+    let footprints = ("footprints", &plan);
+    let tree = run("cluster", json!({}), None, &[footprints]).0;
+    let dendrogram = ("dendrogram", &tree);
+    let hulls = run("merge-hulls", json!({}), None, &[footprints, dendrogram]).0;
+    for (clusters, wanted) in
+        [(2, json!({ "a": ["1.0"], "b": ["1.0"] })), (1, json!({ "a": [], "b": [], "cluster-2": ["1.0"] }))]
+    {
+        let cut = run("cut", json!({ "clusters": clusters }), None, &[("hulls", &hulls), dendrogram]).0;
+        let mesh = run("extrude", json!({}), None, &[("hulls", &cut), footprints]).0;
+        let inputs = [buildings, ("mesh", &mesh), footprints, dendrogram];
+        let (_, written) = run("write-cityjson", json!({ "path": "odd-blocks.city.json" }), None, &inputs);
+        keep("odd-blocks.city.json", &written[0]);
+        let model: Value = serde_json::from_slice(&written[0]).unwrap();
+        assert_consistent("odd-blocks.city.json", &model);
+        let lods = |o: &Value| -> Vec<Value> {
+            o["geometry"].as_array().into_iter().flatten().map(|g| g["lod"].clone()).collect()
+        };
+        let found: BTreeMap<_, _> =
+            model["CityObjects"].as_object().unwrap().iter().map(|(id, o)| (id, lods(o))).collect();
+        assert_eq!(json!(found), wanted);
+    }
+    // Without either, nothing is left.
+    let op = (ALL.get("write-cityjson").unwrap().build)(json!({ "path": "odd.city.json" })).unwrap();
+    let e = op.run(&Bench::default().ctx(), vec![vec![city.clone()], vec![], vec![], vec![]]).err().unwrap();
+    assert_eq!(e.message, "no building has a level of detail that CityJSON 2.0 has a name for");
+}
+
+fn all_ids(ids: &[&str]) -> Vec<String> {
+    ids.iter().map(ToString::to_string).collect()
 }

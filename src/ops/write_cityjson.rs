@@ -5,7 +5,10 @@
 //! Out:    one file in the input's system. `.jsonl`: CityJSONSeq, a building a line; else one CityJSON object, in
 //!         which a block of one building is a further geometry of it, and a cluster a CityObjectGroup with
 //!         `children` and a geometry. Closed shells are Solids, others MultiSurfaces; both with semantics.
-//! Errors: a level that a building already has, a feature of the mesh that is no building's, clusters in a `.jsonl`
+//! Levels: only those that CityJSON 2.0 has a name for, 0 to 3 and 0.0 to 3.3. Geometries of others, or of none, are
+//!         left out, told by the building's id; a building that has no other, no block and no cluster is left out as
+//!         a whole, a reject.
+//! Errors: no building left, a level that a building already has, a feature of the mesh that is no building's, clusters in a `.jsonl`
 //!         (a feature cannot hold a group of others), clusters without footprints and dendrogram.
 //! Cost:   near O(n log n); the file in memory.
 
@@ -14,7 +17,7 @@ use std::collections::BTreeMap;
 use crate::artifact::buildings::{GROUND, OTHER, ROOF, WALL};
 use crate::artifact::files::{self, File};
 use crate::artifact::{Buildings, Dendrogram, Files, Footprints, Mesh};
-use crate::diag::{Diagnostic, Result};
+use crate::diag::{Diagnostic, Note, Report, Result};
 use crate::geom::Point;
 use crate::geom::frame::Frame;
 use crate::io::cityjson::{self, Form, Piece};
@@ -45,16 +48,16 @@ inputs! {
 
 impl Op for WriteCityjson {
     const NAME: &'static str = "write-cityjson";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = In;
     type Out = Files;
 
     fn check(&self) -> Vec<Mistake> {
         // The levels that CityJSON has names for.
-        let known = match self.lod.as_bytes() {
-            [b'0'..=b'3'] | [b'0'..=b'3', b'.', b'0'..=b'3'] => return Vec::new(),
-            _ => "0 to 3, or 0.0 to 3.3 with a second digit of 0 to 3",
-        };
+        if cityjson::is_level(&self.lod) {
+            return Vec::new();
+        }
+        let known = "0 to 3, or 0.0 to 3.3 with a second digit of 0 to 3";
         vec![Mistake {
             param: "lod",
             message: format!("`lod` must be one of CityJSON's levels, {known}, got {:?}", self.lod),
@@ -63,6 +66,7 @@ impl Op for WriteCityjson {
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Files> {
         let mut pieces: Vec<Piece> = cityjson::pieces(&input.buildings).collect();
+        let odd = odd_levels(&mut pieces, ctx.report);
         let mut groups = Vec::new();
         if let Some(mesh) = &input.mesh {
             let tree = input.footprints.as_deref().zip(input.dendrogram.as_deref());
@@ -75,6 +79,7 @@ impl Op for WriteCityjson {
             return Err(Diagnostic::error("no-groups", message).value(&self.path).help("write a `.city.json`"));
         }
         ctx.check()?;
+        let mut pieces = with_something_left(pieces, &odd, ctx.report)?;
         pieces.append(&mut groups);
         let bytes = if sequence { cityjson::sequence(frame, &pieces)? } else { cityjson::model(frame, &pieces)? };
         let blob = ctx.blobs.put(&bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
@@ -85,6 +90,61 @@ impl Op for WriteCityjson {
         // Every ring and every object's text by itself, then the file.
         (4 << 20) + 6 * input_bytes
     }
+}
+
+/// Takes out the geometries of levels that CityJSON has no name for; gives the buildings that had some.
+fn odd_levels(pieces: &mut [Piece], report: &Report) -> Vec<usize> {
+    let mut odd = Vec::new();
+    let mut names: BTreeMap<String, u64> = BTreeMap::new();
+    for (i, piece) in pieces.iter_mut().enumerate() {
+        let before = piece.forms.len();
+        piece.forms.retain(|form| {
+            let known = cityjson::is_level(&form.lod);
+            if !known {
+                *names.entry(format!("{:?}", form.lod)).or_default() += 1;
+            }
+            known
+        });
+        if piece.forms.len() < before {
+            odd.push(i);
+        }
+    }
+    if !names.is_empty() {
+        let names: Vec<String> = names.iter().map(|(name, n)| format!("{name} ({n})")).collect();
+        let names = names.join(", ");
+        report.warn(format!("geometries of levels that CityJSON 2.0 has no name for are left out: {names}"));
+    }
+    odd
+}
+
+/// The buildings but those that lost every geometry and are in no cluster; those with odd levels are told.
+fn with_something_left(pieces: Vec<Piece>, odd: &[usize], report: &Report) -> Result<Vec<Piece>> {
+    let some_are_odd = !odd.is_empty();
+    let mut odd = odd.iter().copied().peekable();
+    let mut out = Vec::with_capacity(pieces.len());
+    for (i, piece) in pieces.into_iter().enumerate() {
+        if odd.next_if_eq(&i).is_none() {
+            out.push(piece);
+            continue;
+        }
+        let note = |cause: &str| Note {
+            row: i as u64,
+            id: piece.id.clone(),
+            place: format!("building {i}"),
+            cause: cause.to_string(),
+        };
+        if piece.forms.is_empty() && piece.parents.is_empty() {
+            report.reject(note("no level of detail that CityJSON has a name for"));
+            continue;
+        }
+        report.repair(note("a level of detail that CityJSON has no name for was left out"));
+        out.push(piece);
+    }
+    if out.is_empty() && some_are_odd {
+        let message = "no building has a level of detail that CityJSON 2.0 has a name for";
+        return Err(Diagnostic::error("no-features", message).help("its levels are 0 to 3, and 0.0 to 3.3"));
+    }
+    Ok(out)
 }
 
 /// Gives every building its block, and a group for every cluster, in the mesh's order.

@@ -4,4 +4,4 @@ mod read;
 mod write;
 
 pub use read::{Boundary, GROUND_TYPES, Model, Object, Transform, read};
-pub use write::{Form, Piece, attributes, buildings, model, pieces, sequence};
+pub use write::{Form, Piece, attributes, buildings, is_level, model, pieces, sequence};

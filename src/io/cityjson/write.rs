@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::artifact::buildings::{GROUND, ROOF, WALL};
 use crate::artifact::{Attributes, Buildings, Values};
-use crate::diag::Result;
+use crate::diag::{Diagnostic, Result};
 use crate::geom::crs::LONLAT;
 use crate::geom::frame::{Frame, Projector};
 
@@ -31,8 +31,18 @@ pub struct Piece {
     pub forms: Vec<Form>,
 }
 
-/// The buildings as CityJSONSeq: a header, then a building a line.
+/// Whether CityJSON 2.0 has a name for a level of detail: `0` to `3`, and those of Biljecki et al., `0.0` to `3.3`.
+pub fn is_level(lod: &str) -> bool {
+    matches!(lod.as_bytes(), [b'0'..=b'3'] | [b'0'..=b'3', b'.', b'0'..=b'3'])
+}
+
+/// The buildings as CityJSONSeq: a header, then a building a line. An error where one has a level without a name.
 pub fn buildings(layer: &Buildings) -> Result<Vec<u8>> {
+    if let Some(g) = (0..layer.lods.len()).find(|&g| !is_level(layer.lods.get(g))) {
+        let (id, lod) = (layer.ids.get(layer.starts.partition_point(|&s| s as usize <= g) - 1), layer.lods.get(g));
+        let message = format!("building `{id}` has the level of detail {lod:?}, for which CityJSON 2.0 has no name");
+        return Err(Diagnostic::error("bad-lod", message).value(lod).help("`write-cityjson` leaves such levels out"));
+    }
     sequence(&layer.frame, &pieces(layer).collect::<Vec<_>>())
 }
 
@@ -354,6 +364,14 @@ mod tests {
             .unwrap();
             assert_eq!(lines, 2);
         }
+    }
+
+    #[test]
+    fn a_level_without_a_name() {
+        let mut layer = layer(Frame::local(), &[0]);
+        layer.lods = ["2.5"].iter().collect();
+        let e = buildings(&layer).unwrap_err();
+        assert_eq!(e.message, "building `a` has the level of detail \"2.5\", for which CityJSON 2.0 has no name");
     }
 
     #[test]
