@@ -52,7 +52,7 @@ impl Op for ReadLines {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (4 << 20) + if is_packed(&self.path) { 5 * input_bytes } else { input_bytes }
+        (4 << 20) + if is_packed(&self.path) { 6 * input_bytes } else { input_bytes }
     }
 }
 

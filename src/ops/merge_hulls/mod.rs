@@ -106,7 +106,11 @@ impl Op for MergeHulls {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (4 << 20) + 7 * input_bytes / 2
+        match self.merge {
+            Merge::Simplified => (4 << 20) + 7 * input_bytes / 2,
+            // Rings that keep their corners: n log n of them, in blocks with many.
+            Merge::Source => (2 << 20) + 10 * input_bytes,
+        }
     }
 }
 
