@@ -5,7 +5,7 @@ use lodge::diag::{Findings, Result};
 use lodge::ops::read_lines::ReadLines;
 use serde_json::json;
 
-use super::{counts, gzip, read, rejects};
+use super::{counts, forged, gzip, read, rejects};
 
 /// A feature on a line of its own.
 fn feature(id: &str, kind: &str, coordinates: &str) -> String {
@@ -52,6 +52,9 @@ fn lines_of_a_file_cut_off() {
     // What comes out of damaged data is nonsense before it is known to be damaged.
     let e = read::<ReadLines>("", "a.geojson.gz", damaged).0.unwrap_err();
     assert!(["bad-json", "bad-gzip"].contains(&e.code) && e.message.contains("a.geojson.gz"), "{e}");
+    // One digit is another: only the checksum at the end knows.
+    let e = read::<ReadLines>("", "a.geojson.gz", forged(&text, "43.0001", "43.0007")).0.unwrap_err();
+    assert!(e.message.starts_with("`a.geojson.gz` holds damaged compressed data"), "{e}");
     assert_eq!(read::<ReadLines>("", "a.geojson.gz", packed).0.unwrap().len(), 3000);
 
     let text = collection(&streets(3));

@@ -34,3 +34,13 @@ fn gzip(text: &str) -> Vec<u8> {
     std::io::Write::write_all(&mut out, text.as_bytes()).unwrap();
     out.finish().unwrap()
 }
+
+/// Packed without compression, one piece of the text replaced by another of the same length: JSON as good as before.
+fn forged(text: &str, wrong: &str, by: &str) -> Vec<u8> {
+    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::none());
+    std::io::Write::write_all(&mut out, text.as_bytes()).unwrap();
+    let mut out = out.finish().unwrap();
+    let at = out.windows(wrong.len()).position(|w| w == wrong.as_bytes()).unwrap();
+    out[at..at + by.len()].copy_from_slice(by.as_bytes());
+    out
+}

@@ -5,7 +5,7 @@ use lodge::diag::{Diagnostic, Findings, Result};
 use lodge::ops::read_cityjson::ReadCityjson;
 use serde_json::{Value, json};
 
-use super::{counts, gzip, read, rejects};
+use super::{counts, forged, gzip, read, rejects};
 
 /// A triangle of ground for each id, of vertices 3k, 3k + 1, 3k + 2; each object on a line of its own, the first on 2.
 fn objects(ids: &[&str]) -> String {
@@ -62,6 +62,8 @@ fn a_city_model_cut_off() {
             let e = read::<ReadCityjson>("", "a.city.json.gz", &packed[..cut]).0.unwrap_err();
             assert_eq!(e.message, "`a.city.json.gz` ends in the middle of its compressed data", "{cut}");
         }
+        let e = read::<ReadCityjson>("", "a.city.json.gz", forged(&text, "1000,0,0", "1007,0,0")).0.unwrap_err();
+        assert!(e.message.starts_with("`a.city.json.gz` holds damaged compressed data"), "{e}");
         assert_eq!(read::<ReadCityjson>("", "a.city.json.gz", packed).0.unwrap().len(), 2000);
     }
     let text = model(&["a", "b", "c"]);
