@@ -69,7 +69,8 @@ pub fn shown_error(negative_space: f64, sides: [f64; 2], height: f64) -> f64 {
     if negative_space <= 0.0 || sides[0] <= 0.0 || sides[1] <= 0.0 {
         return 0.0;
     }
-    let ratio = sides[0] / sides[1];
+    // The same to the bit for a box that is turned by 90 degrees.
+    let ratio = sides[0].max(sides[1]) / sides[0].min(sides[1]);
     let (a, b) = ((negative_space * ratio).sqrt(), (negative_space / ratio).sqrt());
     let (ab, bh, ha) = (negative_space, b * height, height * a);
     (ab * ab + bh * bh + ha * ha).sqrt().sqrt()

@@ -7,6 +7,7 @@ pub mod cover;
 pub mod crs;
 pub mod distinct;
 pub mod erode;
+pub mod exchange;
 pub mod extremes;
 pub mod faces;
 pub mod forms;

@@ -54,7 +54,7 @@ crate::inputs! {
 
 impl Op for Cut {
     const NAME: &'static str = "cut";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Hulls;
     const FACTS: &'static [(&'static str, &'static str)] = &[

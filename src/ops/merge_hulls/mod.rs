@@ -10,10 +10,14 @@
 //!         and its parent takes the sibling's: both reported by id.
 //!         Edges are counted without collinear vertices.
 //!         The ring of a node keeps max(`keep` * edges of its children, `floor` * edges of its own) edges, rounded
-//!         up, or more where it is convex before that.
+//!         up, or more where it is convex before that; then vertices are exchanged for better ones, as many as there
+//!         are (`merge = "simplified"`).
 //! Errors: the footprints and the dendrogram differ in their number of buildings.
 //! Cost:   near O(n log n), parallel over subtrees.
-//! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, sections 5, 6.
+//! Source: Chang et al., Hierarchical Simplification of City Models to Maintain Urban Legibility, sections 5, 6; the
+//!         exchange of vertices is ours.
+//! Tried:  simplifying the best 6 connection pairs of each node and keeping the least area: 1.2 % less negative space
+//!         for more than twice the time.
 
 mod assemble;
 mod heights;
@@ -84,7 +88,7 @@ inputs! {
 
 impl Op for MergeHulls {
     const NAME: &'static str = "merge-hulls";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Hulls;
 

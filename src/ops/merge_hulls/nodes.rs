@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use super::leaves::Leaves;
 use super::walk::{GRAIN, Walk};
 use super::{Merge, MergeHulls};
+use crate::geom::exchange::Exchange;
 use crate::geom::merge_rings::{Merger, Ring};
 use crate::geom::outer_hull::{self, Simplifier};
 use crate::geom::{Point, ring};
@@ -44,6 +45,7 @@ impl Part {
 struct Desk {
     merger: Merger,
     simplifier: Simplifier,
+    exchange: Exchange,
     kept: Vec<u32>,
     at: Vec<Point>,
     ids: Vec<u32>,
@@ -140,6 +142,7 @@ impl Work<'_> {
             } else {
                 let target = outer_hull::target(self.how.keep, left + right, self.how.floor, merged);
                 desk.simplifier.keep(&merger.at, &merger.ids, target, &mut desk.kept);
+                desk.exchange.improve(&merger.at, &mut desk.kept);
                 desk.at.extend(desk.kept.iter().map(|&i| merger.at[i as usize]));
                 desk.ids.extend(desk.kept.iter().map(|&i| merger.ids[i as usize]));
                 edges = desk.kept.len() as u32;

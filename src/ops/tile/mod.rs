@@ -79,7 +79,7 @@ crate::inputs! {
 
 impl Op for Tile {
     const NAME: &'static str = "tile";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = TileTree;
     const FACTS: &'static [(&'static str, &'static str)] = &[
