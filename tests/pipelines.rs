@@ -73,6 +73,26 @@ fn the_town_is_published() {
     }
 }
 
+/// README opens with what lodge draws today. With `LODGE_UPDATE=1` they are drawn anew.
+#[test]
+fn the_pictures_of_readme_are_as_lodge_draws_them() {
+    let home = tempfile::tempdir().unwrap();
+    let town = root().join("pipelines/town.toml");
+    for (node, name) in [
+        ("footprints", "town-buildings.svg"),
+        ("districts[clusters=600]", "town-600.svg"),
+        ("districts[clusters=40]", "town-40.svg"),
+    ] {
+        let (picture, drawn) = (root().join("pipelines/pictures").join(name), home.path().join(name));
+        let output = lodge(home.path()).arg("export").arg(&town).args([node, "-o", name]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+        if std::env::var_os("LODGE_UPDATE").is_some() {
+            std::fs::copy(&drawn, &picture).unwrap();
+        }
+        assert!(std::fs::read(&drawn).unwrap() == std::fs::read(&picture).unwrap(), "{name} is of another day");
+    }
+}
+
 /// The life of a snapshot: new, accepted, the same, different, rejected.
 #[test]
 fn snapshots_are_made_accepted_and_rejected() {
