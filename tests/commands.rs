@@ -141,6 +141,9 @@ fn run_plan_why_show_and_export() {
         assert_eq!(done.status.code(), Some(0), "{done:?}");
         assert!(std::fs::read_to_string(place.path(file)).unwrap().starts_with(start));
     }
+    let (code, export) = told(&place, &["export", "p.toml", "hulls", "-o", "j.geojson"]);
+    assert_eq!((code, &export["node"], &export["path"]), (0, &json!("hulls"), &json!("j.geojson")));
+    assert_eq!(export["bytes"], std::fs::metadata(place.path("j.geojson")).unwrap().len());
     let rejects = place.lodge(&["export", "p.toml", "read", "--rejects", "-o", "r.csv"]);
     assert_eq!(rejects.status.code(), Some(0), "{rejects:?}");
     assert_eq!(told(&place, &["export", "p.toml", "hulls", "-o", "h.obj"]).0, 2);
@@ -196,6 +199,44 @@ fn snapshots_pend_are_taken_and_thrown_away() {
     assert!(
         !std::fs::read_dir(place.path("snapshots")).unwrap().any(|e| e.unwrap().path().extension().unwrap() == "new")
     );
+}
+
+#[test]
+fn standard_output_that_is_lost_is_a_failure() {
+    let Ok(full) = std::fs::OpenOptions::new().write(true).open("/dev/full") else {
+        return println!("skipped: no /dev/full");
+    };
+    for args in [&["schema"][..], &["--json", "ops"]] {
+        let done = support::binary().args(args).stdout(full.try_clone().unwrap()).output().unwrap();
+        assert_eq!(done.status.code(), Some(1), "{done:?}");
+        assert!(String::from_utf8_lossy(&done.stderr).contains("cannot write to standard output"), "{done:?}");
+    }
+}
+
+/// Values of variants become parts of file names, but never of paths.
+#[test]
+fn snapshots_of_odd_values_stay_in_their_folder() {
+    let place = Place::new();
+    place.write("q/p/town.geojson", town(4));
+    place.write("q/p/other/town.geojson", town(3));
+    let three = PIPELINE.split("[node.out]").next().unwrap();
+    let matrix = "matrix.path = [\"town.geojson\", \"../p/other/town.geojson\"]";
+    place.write("q/p/p.toml", three.replace("path = \"town.geojson\"", matrix));
+    let (code, told_of) = told(&place, &["test", "q/p/p.toml"]);
+    assert_eq!(code, 3, "{told_of}");
+    let names = |dir: &str| -> Vec<String> {
+        let mut all: Vec<String> = std::fs::read_dir(place.path(dir))
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        all.sort();
+        all
+    };
+    assert_eq!(names("q/p"), ["other", "p.toml", "snapshots", "town.geojson"]);
+    assert_eq!(names("q/p/other"), ["town.geojson"]);
+    assert_eq!(names("q/p/snapshots").len(), 6, "{:?}", names("q/p/snapshots"));
+    assert_eq!(told(&place, &["accept", "q/p/p.toml"]).1["accepted"].as_array().unwrap().len(), 6);
+    assert_eq!(told(&place, &["test", "q/p/p.toml"]).0, 0);
 }
 
 #[test]

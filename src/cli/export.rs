@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use serde_json::json;
+
 use super::engine::{self, Place};
 use super::{Globals, Outcome, Stop, Target};
 use crate::artifact::{AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Landmarks, Lines, Mesh};
@@ -77,7 +79,12 @@ impl Args {
             };
             match bytes {
                 Some(bytes) => {
-                    engine::write_file(&self.output, &bytes?)?;
+                    let bytes = bytes?;
+                    engine::write_file(&self.output, &bytes)?;
+                    if globals.json {
+                        let path = self.output.display().to_string();
+                        super::print(&json!({"ok": true, "node": self.node, "path": path, "bytes": bytes.len()}));
+                    }
                     return Ok(exit);
                 }
                 // The object is lost, and deleted now: a run makes it again.

@@ -228,6 +228,8 @@ pub fn main() -> ExitCode {
             if error.use_stderr() { Exit::Usage } else { Exit::Done }
         }
     };
+    let lost = LOST.load(std::sync::atomic::Ordering::Relaxed);
+    let exit = if lost { exit.and(Exit::Failed) } else { exit };
     ExitCode::from(exit as u8)
 }
 
@@ -250,11 +252,20 @@ pub fn print(object: &serde_json::Value) {
     say(&format!("{object:#}\n"));
 }
 
-/// Text on standard output. A reader that has gone away is no error.
+/// Text on standard output. A reader that has gone away is no error; where it cannot be written otherwise (a full
+/// disk), the end is that of a failure.
 pub fn say(text: &str) {
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush())
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        eprintln!("error: cannot write to standard output: {error}");
+        LOST.store(true, std::sync::atomic::Ordering::Relaxed);
+    }
 }
+
+/// True once standard output could not be written.
+static LOST: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
 
 fn usage_sentence(error: &clap::Error) -> String {
     let text = error.render().to_string();

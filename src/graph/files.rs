@@ -62,8 +62,11 @@ pub fn expand(pattern: &Path) -> Result<Vec<PathBuf>, String> {
     let mut out = Vec::new();
     for path in paths {
         let path = path.map_err(|e| format!("cannot read {}: {}", e.path().display(), why(e.error())))?;
-        if path.is_file() {
-            out.push(path);
+        match std::fs::metadata(&path) {
+            Ok(meta) if meta.is_file() => out.push(path),
+            Ok(meta) if meta.is_dir() => {}
+            Ok(_) => return Err(format!("{} is no regular file", path.display())),
+            Err(e) => return Err(format!("cannot read {}: {}", path.display(), why(&e))),
         }
     }
     out.sort_by(|a, b| a.as_os_str().as_encoded_bytes().cmp(b.as_os_str().as_encoded_bytes()));

@@ -56,7 +56,7 @@ enum End {
     Stopped,
 }
 
-const TAG: &str = "lodge published 2";
+const TAG: &str = "lodge published 3";
 
 /// Publishes the results of `ready` into `out`.
 pub fn publish(
@@ -68,37 +68,48 @@ pub fn publish(
     observer: &mut Observer,
 ) -> Found {
     let mut found = Found::default();
-    let state = state_name(graph, out);
-    let before = read_state(store, &state);
-    if ready.is_empty() && before.is_empty() {
+    let name = state_name(graph, out);
+    if ready.is_empty() && store.get_state("published", &name).is_empty() {
         return found;
     }
+    // What was published is read and noted under the lock: of two runs at once the second sees all of the first's.
     let result = lock(out, observer).and_then(|guard| {
+        let state = State::read(store, &name);
         let (verify, stop, remote) = (options.verify, &*options.stop, stamp::is_remote(out));
-        let work = Work { out, store, before: &before, verify, remote, stop, folders: Mutex::default() };
-        work.run(graph, ready, &mut found, observer)?;
+        let work = Work { out, store, before: &state.before, verify, remote, stop, folders: Mutex::default() };
+        let planned = work.run(graph, ready, (&name, &state), &mut found, observer);
+        // What was not asked for, or failed, stays as it is; what was not reached is still to be looked at.
+        let (fresh, known) = nodes_of(graph, ready);
+        let stays = |p: &&Published| !found.complete || !fresh.contains(&*p.node) && known.contains(&*p.node);
+        let mut all: BTreeMap<&str, &Published> = BTreeMap::new();
+        all.extend(state.before.values().filter(stays).map(|p| (&*p.path, p)));
+        all.extend(found.files.iter().map(|p| (&*p.path, p)));
+        let new = planned.as_deref().unwrap_or_default().iter().filter(|_| !found.complete);
+        let bytes = write_state(out, &all, state.planned.iter().filter(stays).chain(new));
+        note(store, &name, &bytes);
         drop(guard);
-        Ok(())
+        planned.map(|_| ())
     });
     if let Err(error) = result {
         let message = format!("cannot publish into `{}`: {error}", out.display());
         found.errors.push(Diagnostic::error("cannot-publish", message));
     }
-    let mut all: BTreeMap<&str, &Published> = BTreeMap::new();
-    // What was not asked for, or failed, stays as it is; what was not reached is still to be looked at.
-    let fresh: BTreeSet<&str> = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
-    let known: BTreeSet<&str> = graph.nodes.iter().map(|n| &*n.name).collect();
-    let stays = |p: &&Published| !found.complete || !fresh.contains(&*p.node) && known.contains(&*p.node);
-    all.extend(before.values().filter(stays).map(|p| (&*p.path, p)));
-    all.extend(found.files.iter().map(|p| (&*p.path, p)));
-    let bytes = write_state(out, &all);
-    // Not touched where nothing changed: plans depend on it.
-    if bytes != store.get_state("published", &state)
-        && let Err(error) = store.put_state("published", &state, &bytes)
+    found
+}
+
+/// Nodes whose files are all told here, and all nodes.
+fn nodes_of<'a>(graph: &'a Graph, ready: &[(usize, Arc<Record>)]) -> (BTreeSet<&'a str>, BTreeSet<&'a str>) {
+    let fresh = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
+    (fresh, graph.nodes.iter().map(|n| &*n.name).collect())
+}
+
+/// Not touched where nothing changed: plans depend on it.
+fn note(store: &Store, name: &str, bytes: &[u8]) {
+    if bytes != store.get_state("published", name)
+        && let Err(error) = store.put_state("published", name, bytes)
     {
         tracing::debug!(%error, "cannot note what was published");
     }
-    found
 }
 
 /// One run at a time per folder, whichever cache it has; the kernel frees the lock.
@@ -128,9 +139,10 @@ impl Work<'_> {
         &self,
         graph: &Graph,
         ready: &[(usize, Arc<Record>)],
+        (name, state): (&str, &State),
         found: &mut Found,
         observer: &mut Observer,
-    ) -> io::Result<()> {
+    ) -> io::Result<Vec<Published>> {
         // (1) What there should be. Files that name others come after all others.
         let mut all: Vec<(files::File, String, Digest)> = Vec::new();
         for (n, record) in ready {
@@ -144,7 +156,7 @@ impl Work<'_> {
         }
         all.sort_by(|a, b| (a.0.last, &a.0.path).cmp(&(b.0.last, &b.0.path)));
 
-        // (2) Write what differs, side by side.
+        // (2) Write what differs, side by side; first it is noted, so that a killed run leaves nothing unknown.
         all.retain(|(file, node, _)| {
             let below = is_below(&file.path);
             if !below {
@@ -153,6 +165,19 @@ impl Work<'_> {
             }
             below
         });
+        let differs = |f: &files::File| self.before.get(&f.path).is_none_or(|old| old.digest != f.blob.digest);
+        let planned = |(file, node, _): &(files::File, String, Digest)| Published {
+            path: file.path.clone(),
+            digest: file.blob.digest,
+            bytes: file.blob.bytes,
+            node: node.clone(),
+            ..Published::default()
+        };
+        let planned: Vec<Published> = all.iter().filter(|(f, ..)| differs(f)).map(planned).collect();
+        if !planned.is_empty() {
+            let before = self.before.iter().map(|(path, old)| (&**path, old)).collect();
+            note(self.store, name, &write_state(self.out, &before, state.planned.iter().chain(&planned)));
+        }
         for group in all.chunk_by(|a, b| a.0.last == b.0.last) {
             let ends: Vec<io::Result<End>> = group.par_iter().map(|(file, ..)| self.publish_one(file)).collect();
             for ((file, node, key), end) in group.iter().zip(ends) {
@@ -177,21 +202,20 @@ impl Work<'_> {
         }
         found.files.sort_by(|a, b| a.path.cmp(&b.path));
         if !found.lost.is_empty() || !found.errors.is_empty() || found.interrupted {
-            return Ok(());
+            return Ok(planned);
         }
 
         // (3) Remove what the last run published and this one does not make, unless somebody changed it.
-        let fresh: BTreeSet<&str> = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
-        let known: BTreeSet<&str> = graph.nodes.iter().map(|n| &*n.name).collect();
+        let (fresh, known) = nodes_of(graph, ready);
         let made: BTreeSet<&str> = found.files.iter().map(|f| &*f.path).collect();
-        for old in self.before.values() {
+        for old in self.before.values().chain(&state.planned) {
             let gone = fresh.contains(&*old.node) || !known.contains(&*old.node);
             if gone && !made.contains(&*old.path) && is_below(&old.path) {
                 self.remove(old, observer);
             }
         }
         found.complete = true;
-        Ok(())
+        Ok(planned)
     }
 
     fn publish_one(&self, file: &files::File) -> io::Result<End> {
@@ -323,14 +347,25 @@ fn absolute(path: &Path) -> PathBuf {
     fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// What the last runs published here. A damaged state is none: then nothing is removed, and everything read.
-fn read_state(store: &Store, name: &str) -> BTreeMap<String, Published> {
-    let all = parse(&store.get_state("published", name)).map_or(Vec::new(), |(_, all)| all);
-    all.into_iter().map(|p| (p.path.clone(), p)).collect()
+/// What the last runs published here, and what runs that were killed may have. A damaged state is none: then nothing
+/// is removed, and everything read.
+#[derive(Default)]
+struct State {
+    before: BTreeMap<String, Published>,
+    planned: Vec<Published>,
 }
 
-/// The output folder and what lies there.
-fn parse(bytes: &[u8]) -> Option<(PathBuf, Vec<Published>)> {
+impl State {
+    fn read(store: &Store, name: &str) -> Self {
+        let all = parse(&store.get_state("published", name)).map_or(Vec::new(), |(_, all)| all);
+        let (planned, before): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, planned)| *planned);
+        let before = before.into_iter().map(|(p, _)| (p.path.clone(), p)).collect();
+        Self { before, planned: planned.into_iter().map(|(p, _)| p).collect() }
+    }
+}
+
+/// The output folder and what lies there, true beside what a run was about to write.
+fn parse(bytes: &[u8]) -> Option<(PathBuf, Vec<(Published, bool)>)> {
     let mut from = Reader::unseal(bytes, TAG)?;
     // A reboot may have lost what was written without waiting for the disk.
     let same_boot = from.text()? == boot();
@@ -339,7 +374,7 @@ fn parse(bytes: &[u8]) -> Option<(PathBuf, Vec<Published>)> {
         let (path, node) = (f.text()?.to_string(), f.text()?.to_string());
         let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
         let stamp = if same_boot { stamp } else { Stamp::default() };
-        Some(Published { path, digest, bytes, written: false, stamp, node })
+        Some((Published { path, digest, bytes, written: false, stamp, node }, f.u32()? != 0))
     })?;
     Some((out, all))
 }
@@ -353,7 +388,8 @@ pub fn all(store: &Store) -> Vec<(PathBuf, Published)> {
     let mut names: Vec<_> = fs::read_dir(store.root().join("published")).into_iter().flatten().flatten().collect();
     names.sort_by_key(|e| e.file_name());
     let states = names.iter().filter_map(|e| parse(&store.get_state("published", e.file_name().to_str()?)));
-    states.flat_map(|(out, all)| all.into_iter().map(move |p| (out.clone(), p))).collect()
+    let published = |(p, planned): (Published, bool)| (!planned).then_some(p);
+    states.flat_map(|(out, all)| all.into_iter().filter_map(published).map(move |p| (out.clone(), p))).collect()
 }
 
 /// Puts a published file back from its object; false where that is lost.
@@ -364,17 +400,24 @@ pub fn restore(store: &Store, out: &Path, file: &Published) -> io::Result<bool> 
     Ok(work.write(&out.join(&file.path), &file.digest)?.is_some())
 }
 
-fn write_state(folder: &Path, all: &BTreeMap<&str, &Published>) -> Vec<u8> {
+fn write_state<'a>(
+    folder: &Path,
+    all: &BTreeMap<&str, &'a Published>,
+    planned: impl Iterator<Item = &'a Published>,
+) -> Vec<u8> {
+    let planned: BTreeMap<(&str, &Digest), &Published> = planned.map(|p| ((&*p.path, &p.digest), p)).collect();
     let mut out = Writer::default();
     out.text(&boot());
     out.text(&absolute(folder).to_string_lossy());
-    out.u32(all.len() as u32);
-    for file in all.values() {
+    out.u32((all.len() + planned.len()) as u32);
+    let files = all.values().map(|&p| (p, 0)).chain(planned.values().map(|&p| (p, 1)));
+    for (file, planned) in files {
         out.text(&file.path);
         out.text(&file.node);
         out.digest(&file.digest);
         out.u64(file.bytes);
         file.stamp.write(&mut out);
+        out.u32(planned);
     }
     out.sealed(TAG)
 }

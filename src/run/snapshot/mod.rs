@@ -105,9 +105,17 @@ pub fn folder(pipeline: &Path) -> PathBuf {
     pipeline.parent().unwrap_or(Path::new("")).join("snapshots")
 }
 
-/// `roof[columns=32,morph=0]` as part of a file name: `roof-columns-32-morph-0`.
+/// `roof[columns=32,morph=0]` as part of a file name: `roof-columns-32-morph-0`. A value may hold what no file name
+/// should (separators, quotes): `-` as well, and a piece of its hash at the end, so that no two share a name.
 pub fn file_name(node: &str) -> String {
-    node.chars().filter(|&c| c != ']').map(|c| if matches!(c, '[' | '=' | ',') { '-' } else { c }).collect()
+    let odd = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':' | '*' | '?' | '"' | '<' | '>' | '|');
+    let plain = |c: char| if matches!(c, '[' | '=' | ',') || odd(c) { '-' } else { c };
+    let mut out: String = node.chars().filter(|&c| c != ']').map(plain).collect();
+    if node.contains(odd) {
+        out.push('-');
+        out += &Digest::of(node.as_bytes()).short(8);
+    }
+    out
 }
 
 fn pending_of(path: &Path) -> PathBuf {
