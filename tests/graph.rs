@@ -170,6 +170,17 @@ fn globs_in_byte_order_without_hidden_files() {
     assert_eq!(lodge::graph::expand(&graph.nodes[0].globs[0]).unwrap(), graph.nodes[0].files[..3]);
 }
 
+#[cfg(unix)]
+#[test]
+fn what_a_glob_finds_and_cannot_be_read_is_told() {
+    let place = Place::new(&[("p.toml", "[node.r]\nop = \"read-lines\"\npath = \"*.json\"\n"), ("a.json", "")]);
+    std::fs::create_dir(place.path("folder.json")).unwrap();
+    assert_eq!(place.good(&[]).nodes[0].files.len(), 1);
+    std::os::unix::fs::symlink("nowhere", place.path("b.json")).unwrap();
+    let wrong = place.load(&[]).unwrap_err();
+    assert!(wrong.contains("b.json") && wrong.contains("there is no such file"), "{wrong}");
+}
+
 const BASE: &str = r#"
 [params]
 spare = 1

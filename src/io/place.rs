@@ -2,7 +2,7 @@
 
 use crate::diag::{Diagnostic, Report, Result};
 use crate::geom::crs::{Crs, CrsKind, LONLAT};
-use crate::geom::frame::{Frame, Projector};
+use crate::geom::frame::{Frame, Projection, Projector};
 
 /// What coordinates mean where nobody says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,7 +119,11 @@ fn from_files(said: &[(String, Option<String>)]) -> Result<Option<Crs>> {
 
 /// What to say where a feature lies too far from the frame's origin.
 pub fn too_far(id: &str, place: &str, frame: &Frame) -> Box<Diagnostic> {
-    let message =
-        format!("`{id}` ({place}) lies farther than 2^29 mm (537 km) from the origin of {:?}", frame.projection);
+    let [x, y] = match frame.projection {
+        Projection::Local { origin } | Projection::Projected { origin } | Projection::TransverseMercator { origin } => {
+            origin
+        }
+    };
+    let message = format!("`{id}` ({place}) lies farther than 2^29 mm (537 km) from the frame's origin, {x}, {y}");
     Diagnostic::error("too-far", message).help("leave out what lies far away by `where`, or pin `origin`")
 }
