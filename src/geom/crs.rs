@@ -107,6 +107,11 @@ impl Crs {
         Ok(Self { name, kind, national_heights, proj: Some(proj) })
     }
 
+    /// Its coordinates are those of WGS 84.
+    pub fn is_lonlat(&self) -> bool {
+        self.kind == CrsKind::Degrees && self.proj.is_none()
+    }
+
     /// Lon, lat in degrees on WGS 84, rounded to 1e-10 degrees (10 micrometres) where proj4rs has a hand in it.
     pub fn lonlat(&self, p: [f64; 2]) -> Option<[f64; 2]> {
         let Some(proj) = &self.proj else { return Some(p) };

@@ -12,6 +12,17 @@ pub enum Unsaid {
     Local,
 }
 
+/// What a file, or an object in it, says of its system.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Said {
+    Name(String),
+    Nothing,
+    /// There is none, not even lon/lat.
+    NoSystem,
+    /// Something that cannot be read.
+    Odd,
+}
+
 /// A frame for features, and those that have no place in it.
 pub struct Placed {
     pub frame: Frame,
@@ -41,12 +52,13 @@ const FARTHEST: f64 = 1e8;
 pub fn place(
     bounds: &[Bounds],
     crs: &str,
-    said: &[(String, Option<String>)],
+    said: &[(String, Said)],
     unsaid: Unsaid,
     origin: Option<[f64; 2]>,
     report: &Report,
 ) -> Result<Placed> {
-    let crs = if crs.is_empty() { from_files(said)? } else { Some(Crs::parse(crs)?) };
+    let crs = if crs.is_empty() { from_files(said, unsaid, report)? } else { Some(Crs::parse(crs)?) };
+    let unsaid = if said.iter().any(|s| s.1 == Said::NoSystem) { Unsaid::Local } else { unsaid };
     let degrees = |b: &Bounds| b[0] >= -180.0 && b[2] <= 180.0 && b[1] >= -90.0 && b[3] <= 90.0;
     let crs = match crs {
         None if unsaid == Unsaid::LonLat => {
@@ -96,11 +108,11 @@ pub fn place(
     Ok(Placed { frame, projector, causes })
 }
 
-/// The system that the files name; they must agree.
-fn from_files(said: &[(String, Option<String>)]) -> Result<Option<Crs>> {
+/// The system that the files name; they must agree, and a file that names none must mean the same.
+fn from_files(said: &[(String, Said)], unsaid: Unsaid, report: &Report) -> Result<Option<Crs>> {
     let mut found: Option<(&str, Crs)> = None;
-    for (file, name) in said {
-        let Some(name) = name else { continue };
+    for (file, said) in said {
+        let Said::Name(name) = said else { continue };
         let crs = Crs::parse(name).map_err(|e| {
             Diagnostic::error("bad-crs", format!("{file}: {}", e.message))
                 .value(name)
@@ -111,10 +123,31 @@ fn from_files(said: &[(String, Option<String>)]) -> Result<Option<Crs>> {
                 let message = format!("`{first}` is in `{}` but `{file}` in `{}`", other.name, crs.name);
                 return Err(Diagnostic::error("bad-crs", message).help("read them by a node each"));
             }
-            _ => found = Some((file, crs)),
+            Some(_) => {}
+            None => found = Some((file, crs)),
         }
     }
-    Ok(found.map(|f| f.1))
+    if let Some((file, _)) = said.iter().find(|s| s.1 == Said::Odd) {
+        let what = "a `crs` that is neither a name nor null is not read";
+        report.warn(format!("`{file}`: {what}; say it by `crs = \"EPSG:..\"`"));
+    }
+    let Some((first, crs)) = found else { return Ok(None) };
+    let others = || said.iter().filter(|s| !matches!(s.1, Said::Name(_)));
+    let none = others().find(|s| s.1 == Said::NoSystem).map(|s| (s, "says that it has none"));
+    let lonlat = || others().next().filter(|_| !crs.is_lonlat()).map(|s| (s, "names none, which means lon/lat"));
+    if let Some(((file, _), what)) = none.or_else(|| lonlat().filter(|_| unsaid == Unsaid::LonLat)) {
+        let message = format!("`{first}` is in `{}` but `{file}` {what}", crs.name);
+        let help = "read them by a node each, or say the system of all by `crs`";
+        return Err(Diagnostic::error("bad-crs", message).help(help));
+    }
+    if let (Unsaid::Local, Some((file, _))) = (unsaid, others().next()) {
+        let more = match others().count() - 1 {
+            0 => String::new(),
+            n => format!(" (nor do {n} more)"),
+        };
+        report.warn(format!("`{file}` names no system{more}: taken to be in `{}`, as `{first}` is", crs.name));
+    }
+    Ok(Some(crs))
 }
 
 /// What to say where a feature lies too far from the frame's origin.

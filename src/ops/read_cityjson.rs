@@ -25,7 +25,7 @@ use crate::io::cityjson::{self, Boundary, Model, Object, Transform};
 use crate::io::json::Scalar;
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick;
-use crate::io::place::{Bounds, HIGHEST, NOWHERE, Placed, Unsaid, place, too_far};
+use crate::io::place::{Bounds, HIGHEST, NOWHERE, Placed, Said, Unsaid, place, too_far};
 use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
@@ -84,7 +84,7 @@ struct Draft {
     bounds: Vec<Bounds>,
     levels: Vec<Vec<Level>>,
     table: Table,
-    files: Vec<(String, Option<String>)>,
+    said: Vec<(String, Said)>,
 }
 
 /// One level of detail of one building.
@@ -110,7 +110,9 @@ fn gather(params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft
     let mut parts = 0;
     for Source { name, open, .. } in ctx.sources {
         let reader = open().map_err(|e| Diagnostic::error("unreadable-file", format!("cannot open `{name}`: {e}")))?;
-        let (mut header, mut said): (Option<Transform>, Option<String>) = (None, None);
+        let mut header: Option<Transform> = None;
+        // The systems of its headers; where there is a second, with its line.
+        let mut said: Vec<(u64, String)> = Vec::new();
         let mut has_header = false;
         cityjson::read(name, reader, |model| {
             ctx.check()?;
@@ -123,7 +125,9 @@ fn gather(params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft
             if !model.is_feature {
                 has_header = true;
                 header = model.transform.clone();
-                said = model.crs.clone().or(said.take());
+                if let Some(crs) = model.crs.as_ref().filter(|&crs| said.last().is_none_or(|s| s.1 != *crs)) {
+                    said.push((model.line, crs.clone()));
+                }
             }
             let transform = header.as_ref().or(params.transform.as_ref());
             let Some(transform) = transform else {
@@ -139,7 +143,12 @@ fn gather(params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft
             parts += buildings(&model, name, transform, &mut draft, &mut left, ledger);
             Ok(())
         })?;
-        draft.files.push((name.clone(), said));
+        if said.is_empty() {
+            draft.said.push((name.clone(), Said::Nothing));
+        }
+        let one = said.len() == 1;
+        let place = |line: u64| if one { name.clone() } else { format!("{name}:{line}") };
+        draft.said.extend(said.into_iter().map(|(line, crs)| (place(line), Said::Name(crs))));
     }
     ctx.report.fact("parts", parts);
     for (key, counts) in [
@@ -195,16 +204,19 @@ fn buildings(
         }
         let row = ledger.read;
         ledger.read += 1;
-        if object.kind != "Building" && !is_part {
-            ledger.filter_type(&object.kind);
-            continue;
-        }
         let note = |cause: &str| Note {
             row,
             id: object.id.to_string(),
             place: format!("{file}:{}", object.line),
             cause: cause.to_string(),
         };
+        if object.kind != "Building" && !is_part {
+            match object.fault {
+                Some(cause) if object.kind.is_empty() => ledger.reject(note(cause)),
+                _ => ledger.filter_type(&object.kind),
+            }
+            continue;
+        }
         let own = members.get(&i).map_or(&[][..], Vec::as_slice);
         let all: Vec<&Object> = std::iter::once(i).chain(own.iter().copied()).map(|k| &model.objects[k]).collect();
         match levels(&all, model, transform, left) {
@@ -266,6 +278,9 @@ fn levels(
     let mut bounds = NOWHERE;
     let mut others = 0;
     for object in objects {
+        if let Some(fault) = object.fault {
+            return Err(Some(fault));
+        }
         let mut best: Vec<&Boundary> = Vec::new();
         for b in &object.geometries {
             if !b.is_surface() {
@@ -338,7 +353,7 @@ fn add(
 /// Chooses the frame and brings the surfaces onto its grid.
 fn settle(draft: Draft, params: &ReadCityjson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Buildings> {
     let Placed { frame, projector, causes } =
-        place(&draft.bounds, &params.crs, &draft.files, Unsaid::Local, params.origin, ctx.report)?;
+        place(&draft.bounds, &params.crs, &draft.said, Unsaid::Local, params.origin, ctx.report)?;
     let mut seen = std::collections::BTreeSet::new();
     let mut kept = Vec::new();
     let mut out = Buildings {

@@ -20,7 +20,7 @@ use crate::geom::repair::{self, Repairs};
 use crate::io::geojson::{self, Feature, Geometry, GeometryKind};
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Metres, Names, Seen, Where};
-use crate::io::place::{Bounds, HIGHEST, Placed, Unsaid, bounds_of, place, too_far};
+use crate::io::place::{Bounds, HIGHEST, Placed, Said, Unsaid, bounds_of, place, too_far};
 use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
@@ -103,10 +103,8 @@ struct Draft {
     base: Vec<f64>,
     height: Vec<f64>,
     table: Table,
-    /// Of each file: its name, the system it says.
-    files: Vec<(String, Option<String>)>,
-    /// One says that there is no system.
-    no_crs: bool,
+    files: Vec<String>,
+    said: Vec<(String, Said)>,
 }
 
 /// How often heights came from where.
@@ -130,6 +128,11 @@ fn gather(params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft>
             ledger.read += 1;
             if row.is_multiple_of(4096) {
                 ctx.check()?;
+            }
+            if let Some(cause) = feature.fault {
+                let place = format!("{name}:{}", feature.line);
+                ledger.reject(Note { row, id: row.to_string(), place, cause: cause.to_string() });
+                return Ok(());
             }
             for (key, _) in &feature.properties {
                 names.column(key);
@@ -172,8 +175,8 @@ fn gather(params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft>
             }
             Ok(())
         })?;
-        draft.no_crs |= header.no_crs;
-        draft.files.push((name.clone(), header.crs));
+        draft.said.extend(header.said(name));
+        draft.files.push(name.clone());
     }
     seen.finish(names.names())?;
     ctx.report.fact("heights_from_levels", heights.from_levels);
@@ -250,9 +253,8 @@ enum Fate {
 
 /// Chooses the frame and brings the features onto its grid.
 fn settle(draft: Draft, params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) -> Result<Footprints> {
-    let unsaid = if draft.no_crs { Unsaid::Local } else { Unsaid::LonLat };
     let Placed { frame, projector, mut causes } =
-        place(&draft.bounds, &params.crs, &draft.files, unsaid, params.origin, ctx.report)?;
+        place(&draft.bounds, &params.crs, &draft.said, Unsaid::LonLat, params.origin, ctx.report)?;
     for i in repeated(&draft.ids) {
         causes[i].get_or_insert("an id that an earlier feature has");
     }
@@ -274,7 +276,7 @@ fn settle(draft: Draft, params: &ReadGeojson, ctx: &Ctx, ledger: &mut Ledger) ->
     // (2) Gathered in input order.
     let note = |i: usize, cause: &str| {
         let (file, line, row) = draft.from[i];
-        let place = format!("{}:{line}", draft.files[file as usize].0);
+        let place = format!("{}:{line}", draft.files[file as usize]);
         Note { row, id: draft.ids.get(i).to_string(), place, cause: cause.to_string() }
     };
     let mut kept: Vec<u32> = Vec::with_capacity(rows.len());

@@ -16,7 +16,7 @@ use crate::geom::frame::grid;
 use crate::io::geojson::{self, GeometryKind};
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::pick::{self, Names, Seen, Where};
-use crate::io::place::{Bounds, Placed, Unsaid, bounds_of, place, too_far};
+use crate::io::place::{Bounds, Placed, Said, Unsaid, bounds_of, place, too_far};
 use crate::io::reader::{account, crs_mistake, is_packed};
 use crate::op::{Ctx, Mistake, Op, Source};
 use crate::{inputs, reader_params};
@@ -64,8 +64,7 @@ struct Draft {
     from: Vec<(u64, String)>,
     bounds: Vec<Bounds>,
     lines: Vec<Vec<Vec<[f64; 2]>>>,
-    files: Vec<(String, Option<String>)>,
-    no_crs: bool,
+    said: Vec<(String, Said)>,
 }
 
 fn gather(params: &ReadLines, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft> {
@@ -81,6 +80,11 @@ fn gather(params: &ReadLines, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft> {
             ledger.read += 1;
             if row.is_multiple_of(4096) {
                 ctx.check()?;
+            }
+            if let Some(cause) = feature.fault {
+                let place = format!("{name}:{}", feature.line);
+                ledger.reject(Note { row, id: row.to_string(), place, cause: cause.to_string() });
+                return Ok(());
             }
             for (key, _) in &feature.properties {
                 names.column(key);
@@ -112,8 +116,7 @@ fn gather(params: &ReadLines, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft> {
             draft.lines.push((0..geometry.rings.len()).map(|r| geometry.ring(r).to_vec()).collect());
             Ok(())
         })?;
-        draft.no_crs |= header.no_crs;
-        draft.files.push((name.clone(), header.crs));
+        draft.said.extend(header.said(name));
     }
     // Of an empty file nothing can be asked.
     if ledger.read > 0 {
@@ -123,10 +126,9 @@ fn gather(params: &ReadLines, ctx: &Ctx, ledger: &mut Ledger) -> Result<Draft> {
 }
 
 fn settle(draft: Draft, params: &ReadLines, ctx: &Ctx, ledger: &mut Ledger) -> Result<Lines> {
-    let unsaid = if draft.no_crs { Unsaid::Local } else { Unsaid::LonLat };
-    let unsaid = if draft.bounds.is_empty() { Unsaid::Local } else { unsaid };
+    let unsaid = if draft.bounds.is_empty() { Unsaid::Local } else { Unsaid::LonLat };
     let Placed { frame, projector, causes } =
-        place(&draft.bounds, &params.crs, &draft.files, unsaid, params.origin, ctx.report)?;
+        place(&draft.bounds, &params.crs, &draft.said, unsaid, params.origin, ctx.report)?;
     let mut out = Lines { frame, ids: Strings::default(), starts: vec![0], points: Vec::new() };
     let mut seen = std::collections::BTreeSet::new();
     for (i, lines) in draft.lines.iter().enumerate() {

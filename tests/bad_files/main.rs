@@ -1,16 +1,21 @@
 //! Lines and city models from files with something broken in them: an error with its place, or a reject with its id and
-//! the rest of the file. (Footprints: `readers.rs`; whole pipelines, and bytes changed at random: `bad_input.rs`.)
+//! the rest of the file; the same where files contradict each other. (Footprints: `readers.rs`; whole pipelines, and bytes changed at random: `bad_input.rs`.)
 
 mod lines;
 mod models;
+mod said;
 
 use lodge::diag::{Findings, Result};
 use lodge::op::{Bench, Inputs, Op, Source};
 
 /// Runs a reader on one file in memory, with parameters as TOML.
 fn read<O: Op>(params: &str, file: &str, bytes: impl Into<Vec<u8>>) -> (Result<O::Out>, Findings) {
+    read_all::<O>(params, &[(file, bytes.into())])
+}
+
+fn read_all<O: Op>(params: &str, files: &[(&str, Vec<u8>)]) -> (Result<O::Out>, Findings) {
     let mut bench = Bench::default();
-    bench.sources.push(Source::of_bytes(file, bytes.into()));
+    bench.sources = files.iter().map(|(name, bytes)| Source::of_bytes(name, bytes.clone())).collect();
     let op: O = toml::from_str(params).unwrap();
     let out = op.run(&bench.ctx(), O::In::take(Vec::new()));
     (out, bench.report.finish())

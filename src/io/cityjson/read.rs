@@ -49,6 +49,8 @@ pub struct Object<'a> {
     /// Members that were not read, each as often as it was there: its own (`address`, ..), those of its surfaces'
     /// geometries (`material`, `texture`, ..) and of their semantics (`semantics.slope`, `semantics.type Window`, ..).
     pub left: Vec<Cow<'a, str>>,
+    /// Why it is no city object.
+    pub fault: Option<&'static str>,
 }
 
 /// The surfaces of one geometry.
@@ -217,7 +219,13 @@ fn object<'a>(json: &mut Json<'a>, id: Cow<'a, str>, line: u64) -> Parsed<Object
         attributes: Vec::new(),
         geometries: Vec::new(),
         left: Vec::new(),
+        fault: None,
     };
+    if json.peek()? != b'{' {
+        out.fault = Some("not a city object");
+        json.skip()?;
+        return Ok(out);
+    }
     json.object(|json, key| {
         match &*key {
             "type" => out.kind = text(json)?,
@@ -228,6 +236,10 @@ fn object<'a>(json: &mut Json<'a>, id: Cow<'a, str>, line: u64) -> Parsed<Object
                 Ok(())
             })?,
             "geometry" if json.peek()? == b'[' => json.list(|json| {
+                if json.peek()? != b'{' {
+                    out.fault = Some("a geometry that is not an object");
+                    return json.skip();
+                }
                 let before = out.left.len();
                 out.geometries.push(boundary(json, &mut out.left)?);
                 if out.geometries.last().is_some_and(|b| !b.is_surface()) {

@@ -2,10 +2,12 @@
 //! RFC 8142), or a bare geometry. Never the whole file at once.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::io::Read;
 
 use crate::diag::{Diagnostic, Result};
 use crate::io::json::{Json, Parsed, Scalar};
+use crate::io::place::Said;
 use crate::io::stream::{Stream, stream};
 
 /// One feature; texts borrow from the file's.
@@ -14,6 +16,8 @@ pub struct Feature<'a> {
     pub line: u64,
     pub id: Scalar<'a>,
     pub properties: Vec<(Cow<'a, str>, Scalar<'a>)>,
+    /// Why this member of `features` is none.
+    pub fault: Option<&'static str>,
 }
 
 /// Coordinates as they stand in the file: of a point, line, polygon, or several.
@@ -79,10 +83,8 @@ impl GeometryKind {
 /// What a file says beside its features.
 #[derive(Debug, Default)]
 pub struct Header {
-    /// Name in the `crs` member (GeoJSON 2008; QGIS and GDAL still write it).
-    pub crs: Option<String>,
-    /// `"crs": null`: there is none, not even lon/lat.
-    pub no_crs: bool,
+    /// What its objects say in `crs` (GeoJSON 2008; QGIS and GDAL still write it), and the line that says it first.
+    said: BTreeMap<Said, u64>,
 }
 
 /// Calls `each` with every feature in order. An error names file and line.
@@ -95,51 +97,82 @@ pub fn read(
         let mut header = Header::default();
         let mut geometry = Geometry::default();
         while text.peek()?.is_some() {
-            let is_collection = text.parse(|json, line| match item(json, line, &mut header, &mut geometry)? {
-                Item::Collection => Ok(true),
-                Item::Feature(feature) => Ok(each(feature, &geometry).map(|()| false)?),
+            // One object may be parsed twice, where a block ends in it: saying the same again is as good as once.
+            let mut own = Header::default();
+            let (start, is_collection) = text.parse(|json, line| match item(json, line, &mut own, &mut geometry)? {
+                Item::Collection => Ok((line, true)),
+                Item::Feature(feature) => Ok(each(feature, &geometry).map(|()| (line, false))?),
                 Item::Other(kind) => {
                     let e = Diagnostic::error("not-geojson", format!("{name}:{line}: not GeoJSON: its type is {kind}"));
                     Err(if kind.contains("CityJSON") { e.help("read it with read-cityjson") } else { e }.into())
                 }
             })?;
-            if is_collection {
-                collection(text, &mut header, &mut geometry, &mut each)?;
+            let has_features = !is_collection || collection(name, text, &mut own, &mut geometry, &mut each)?;
+            if has_features && own.said.is_empty() {
+                own.say(Said::Nothing, start);
             }
+            own.said.into_iter().for_each(|(said, line)| header.say(said, line));
         }
         Ok(header)
     })
 }
 
-/// After `"features": [`: the features, then the collection's other members.
+/// After `"features": [`: the features, then the collection's other members, more features among them. True where
+/// there was one.
 fn collection(
+    name: &str,
     text: &mut Stream,
     header: &mut Header,
     geometry: &mut Geometry,
     each: &mut impl FnMut(Feature, &Geometry) -> Result<()>,
-) -> Result<()> {
-    let mut more = !text.parse(|json, _| json.take(b']'))?;
-    while more {
-        text.peek()?;
-        more = text.parse(|json, line| match item(json, line, &mut Header::default(), geometry)? {
-            Item::Feature(feature) => {
-                let more = json.goes_on(b']')?;
-                each(feature, geometry)?;
-                Ok(more)
+) -> Result<bool> {
+    let mut any = false;
+    let mut in_features = true;
+    loop {
+        if in_features {
+            let mut more = !text.parse(|json, _| json.take(b']'))?;
+            any |= more;
+            while more {
+                text.peek()?;
+                more = text.parse(|json, line| {
+                    let feature = member(json, line, geometry)?;
+                    let more = json.goes_on(b']')?;
+                    each(feature, geometry)?;
+                    Ok(more)
+                })?;
             }
-            _ => json.bad("expected a feature"),
-        })?;
-    }
-    while text.parse(|json, _| json.goes_on(b'}'))? {
-        text.parse(|json, _| {
+        }
+        if !text.parse(|json, _| json.goes_on(b'}'))? {
+            return Ok(any);
+        }
+        text.peek()?;
+        in_features = text.parse(|json, line| {
             match &*json.key()? {
-                "crs" => header.read(json)?,
+                "crs" => header.read(json, line)?,
+                "features" if json.take(b'[')? => return Ok(true),
+                "features" => {
+                    let message = format!("{name}:{line}: not GeoJSON: its second `features` is not a list");
+                    return Err(Diagnostic::error("not-geojson", message).into());
+                }
                 _ => json.skip()?,
             }
-            json.peek().map(drop)
+            json.peek().map(|_| false)
         })?;
     }
-    Ok(())
+}
+
+/// A member of `features`; what is no feature has a `fault`.
+fn member<'a>(json: &mut Json<'a>, line: u64, geometry: &mut Geometry) -> Parsed<Feature<'a>> {
+    let start = json.at;
+    if json.peek()? == b'{'
+        && let Item::Feature(feature) = item(json, line, &mut Header::default(), geometry)?
+    {
+        return Ok(feature);
+    }
+    json.at = start;
+    json.skip()?;
+    geometry.clear();
+    Ok(Feature { line, id: Scalar::Null, properties: Vec::new(), fault: Some("not a feature") })
 }
 
 enum Item<'a> {
@@ -153,7 +186,7 @@ enum Item<'a> {
 fn item<'a>(json: &mut Json<'a>, line: u64, header: &mut Header, geometry: &mut Geometry) -> Parsed<Item<'a>> {
     geometry.clear();
     let mut kind = None;
-    let mut feature = Feature { line, id: Scalar::Null, properties: Vec::new() };
+    let mut feature = Feature { line, id: Scalar::Null, properties: Vec::new(), fault: None };
     let mut is_bare = false;
     json.expect(b'{')?;
     let mut more = !json.take(b'}')?;
@@ -175,7 +208,7 @@ fn item<'a>(json: &mut Json<'a>, line: u64, header: &mut Header, geometry: &mut 
                 is_bare = true;
                 geometry.coordinates(json)?;
             }
-            "crs" => header.read(json)?,
+            "crs" => header.read(json, line)?,
             "features" if json.peek()? == b'[' => {
                 json.expect(b'[')?;
                 return Ok(Item::Collection);
@@ -200,23 +233,42 @@ fn item<'a>(json: &mut Json<'a>, line: u64, header: &mut Header, geometry: &mut 
 }
 
 impl Header {
-    /// `{"type": "name", "properties": {"name": ".."}}`, or null.
-    fn read(&mut self, json: &mut Json) -> Parsed<()> {
-        if json.peek()? != b'{' {
-            self.no_crs = json.scalar()? == Scalar::Null;
-            return Ok(());
-        }
-        json.object(|json, key| {
-            if key != "properties" || json.peek()? != b'{' {
-                return json.skip();
-            }
+    /// What file `name` says, in the order of its lines; where it says several things, each with its line.
+    pub fn said(self, name: &str) -> impl Iterator<Item = (String, Said)> {
+        let mut all: Vec<(u64, Said)> = self.said.into_iter().map(|(said, line)| (line, said)).collect();
+        all.sort();
+        let one = all.len() == 1;
+        all.into_iter().map(move |(line, said)| (if one { name.to_string() } else { format!("{name}:{line}") }, said))
+    }
+
+    fn say(&mut self, said: Said, line: u64) {
+        self.said.entry(said).or_insert(line);
+    }
+
+    /// `{"type": "name", "properties": {"name": ".."}}`, the name alone, or null.
+    fn read(&mut self, json: &mut Json, line: u64) -> Parsed<()> {
+        let mut said = Said::Odd;
+        if json.peek()? == b'{' {
             json.object(|json, key| {
-                if let ("name", Scalar::Text(text)) = (&*key, json.scalar()?) {
-                    self.crs = Some(text.into_owned());
+                if key != "properties" || json.peek()? != b'{' {
+                    return json.skip();
                 }
-                Ok(())
-            })
-        })
+                json.object(|json, key| {
+                    if let ("name", Scalar::Text(text)) = (&*key, json.scalar()?) {
+                        said = Said::Name(text.into_owned());
+                    }
+                    Ok(())
+                })
+            })?;
+        } else {
+            match json.scalar()? {
+                Scalar::Null => said = Said::NoSystem,
+                Scalar::Text(text) => said = Said::Name(text.into_owned()),
+                _ => {}
+            }
+        }
+        self.say(said, line);
+        Ok(())
     }
 }
 
@@ -352,7 +404,9 @@ mod tests {
             ));
             Ok(())
         })?;
-        out.extend(header.crs);
+        out.extend(
+            header.said("a").filter_map(|(_, said)| if let Said::Name(name) = said { Some(name) } else { None }),
+        );
         Ok(out)
     }
 

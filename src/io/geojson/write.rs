@@ -247,6 +247,7 @@ mod tests {
     use crate::artifact::{Shapes, Table};
     use crate::geom::frame::Projection;
     use crate::io::geojson::{GeometryKind, read};
+    use crate::io::place::Said;
 
     #[test]
     fn decimals() {
@@ -312,9 +313,13 @@ mod tests {
             let far =
                 points.iter().zip(&layer.polygons.points).map(|(a, b)| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()));
             assert!(far.max().unwrap() <= 1 && points.len() == layer.polygons.points.len(), "{frame:?}");
-            let said = header.crs.map(|n| crate::geom::crs::Crs::parse(&n).unwrap().name);
-            assert_eq!(said.unwrap_or_default(), if frame.crs == LONLAT { "" } else { &frame.crs });
-            assert_eq!(header.no_crs, frame.crs.is_empty());
+            let said: Vec<Said> = header.said("a").map(|s| s.1).collect();
+            match &said[..] {
+                [Said::Name(name)] => assert_eq!(crate::geom::crs::Crs::parse(name).unwrap().name, frame.crs),
+                [Said::Nothing] => assert_eq!(frame.crs, LONLAT),
+                [Said::NoSystem] => assert_eq!(frame.crs, ""),
+                _ => panic!("{said:?}"),
+            }
         }
     }
 
