@@ -6,8 +6,8 @@
 //!         one say the same; the others are left out and counted.
 //! Twice:  of several geometries of one object and one level the best stays: one with semantics, else one of solids,
 //!         else the first.
-//! Errors: broken JSON (with its line), no transform or a broken one, features without a header (then `transform` and `crs` say it), nothing left,
-//!         too many rejects, a building farther than 2^29 mm from the origin.
+//! Errors: broken JSON (with its line), no transform or a broken one, features without a header
+//!         (then `transform` and `crs` say it), two coordinate systems, nothing left, too many rejects, a building farther than 2^29 mm from the origin.
 //! Facts:  read = accepted + rejected + filtered counts objects that are nobody's part; filtered_by_type,
 //!         rejected_by_cause, repaired_by_cause; parts, filtered_geometries (points, lines, templates),
 //!         repeated_geometries; left_part_attributes; left_members (appearances, addresses, extensions, attributes of

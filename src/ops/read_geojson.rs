@@ -4,8 +4,9 @@
 //! Out:    n footprints on the millimetre grid of a local frame, in input order; metres. A MultiPolygon is one.
 //! Height: the first of `height` that can be read (a number, or a text such as "12.5" or "12 m"), else `levels` of
 //!         3 m, else `default-height`; all counted. A height of 0 or less rejects its feature.
-//! Errors: broken JSON (with its line), a file cut off, an attribute that no feature has, nothing left, too many
-//!         rejects, a feature farther than 2^29 mm from the origin.
+//! Errors: broken JSON (with its line), a file cut off, two coordinate systems (no `crs` is lon/lat; the parameter
+//!         `crs` settles it), an attribute that no feature has, nothing left, too many rejects,
+//!         a feature farther than 2^29 mm from the origin.
 //! Facts:  read = accepted + rejected + filtered; filtered_by_where, filtered_by_type, rejected_by_cause,
 //!         repaired_by_cause; heights_from_levels, defaulted_heights, unreadable_heights.
 //! Cost:   linear; one thread unpacks, one parses, then all project.

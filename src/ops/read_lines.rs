@@ -3,8 +3,9 @@
 //! In:     files as read-geojson takes them.
 //! Out:    n polylines on the millimetre grid, in input order; a ring ends where it starts. A feature of several
 //!         lines or rings gives as many rows `id/0`, `id/1`, ...
-//! Errors: broken JSON (with its line), a file cut off, an attribute that no feature has, too many rejects. None left
-//!         is none left: barriers may be absent.
+//! Errors: broken JSON (with its line), a file cut off, two coordinate systems (no `crs` is lon/lat; the parameter
+//!         `crs` settles it), an attribute that no feature has, too many rejects. None
+//!         left is none left: barriers may be absent.
 //! Facts:  read = accepted + rejected + filtered counts features; filtered_by_where, filtered_by_type,
 //!         rejected_by_cause, repaired_by_cause.
 //! Cost:   linear.
