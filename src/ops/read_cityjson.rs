@@ -42,7 +42,7 @@ inputs! {}
 
 impl Op for ReadCityjson {
     const NAME: &'static str = "read-cityjson";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = In;
     type Out = Buildings;
     const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<6, 12>([

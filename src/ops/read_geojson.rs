@@ -53,7 +53,7 @@ inputs! {}
 
 impl Op for ReadGeojson {
     const NAME: &'static str = "read-geojson";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Footprints;
     const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<5, 11>([

@@ -37,7 +37,7 @@ inputs! {}
 
 impl Op for ReadLines {
     const NAME: &'static str = "read-lines";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Lines;
     const FACTS: &'static [(&'static str, &'static str)] = &ledger::facts::<2, 8>([ledger::BY_WHERE, ledger::BY_TYPE]);
