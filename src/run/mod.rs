@@ -16,6 +16,7 @@ pub mod pack;
 mod pass;
 pub mod plan;
 pub mod publish;
+pub mod published;
 pub mod record;
 mod slots;
 pub mod snapshot;
@@ -33,7 +34,7 @@ use crate::graph::Graph;
 use event::{Event, Observer, Status};
 use executor::{InputFile, Local};
 use pass::Loop;
-use publish::Published;
+use published::Published;
 use record::Record;
 use store::Store;
 

@@ -10,7 +10,7 @@ use std::time::{Instant, UNIX_EPOCH};
 
 use super::codec::{Reader, Writer, checksum};
 use super::event::Status;
-use super::publish::{self, Published};
+use super::published::{self, Published};
 use super::record::Record;
 use super::stamp::{self, Stamp, boot, is_remote};
 use super::store::Store;
@@ -112,7 +112,7 @@ pub fn compile(
             rows.push(Row { role: Role::Output, remote, path, stamp, digest });
         }
         // Another run that publishes here notes it.
-        let state = store.state("published", &publish::state_name(graph, out));
+        let state = store.state("published", &published::state_name(graph, out));
         if let Some((stamp, digest)) = stamp::hash_output(&state) {
             let (stamp, remote) = (stamp.on(store.grain()), is_remote(&state));
             rows.push(Row { role: Role::Output, remote, path: state, stamp, digest });

@@ -10,30 +10,16 @@ use std::sync::{Arc, Mutex};
 use rayon::prelude::*;
 
 use super::Options;
-use super::codec::{Reader, Writer};
 use super::event::{Event, Observer};
 use super::executor::decode;
+use super::published::{Published, State, note, state_name, write_state};
 use super::record::Record;
-use super::stamp::{self, Stamp, boot};
+use super::stamp::{self, Stamp};
 use super::store::Store;
 use crate::artifact::{Files, files};
 use crate::diag::Diagnostic;
 use crate::digest::Digest;
 use crate::graph::Graph;
-
-/// A published file, as it is after the run.
-#[derive(Clone, Debug, Default)]
-pub struct Published {
-    /// Below the output folder.
-    pub path: String,
-    pub digest: Digest,
-    pub bytes: u64,
-    /// By this run.
-    pub written: bool,
-    pub stamp: Stamp,
-    /// The node that made it.
-    pub node: String,
-}
 
 #[derive(Default)]
 pub struct Found {
@@ -55,8 +41,6 @@ enum End {
     /// The run was interrupted before.
     Stopped,
 }
-
-const TAG: &str = "lodge published 3";
 
 /// Publishes the results of `ready` into `out`.
 pub fn publish(
@@ -101,15 +85,6 @@ pub fn publish(
 fn nodes_of<'a>(graph: &'a Graph, ready: &[(usize, Arc<Record>)]) -> (BTreeSet<&'a str>, BTreeSet<&'a str>) {
     let fresh = ready.iter().map(|(n, _)| &*graph.nodes[*n].name).collect();
     (fresh, graph.nodes.iter().map(|n| &*n.name).collect())
-}
-
-/// Not touched where nothing changed: plans depend on it.
-fn note(store: &Store, name: &str, bytes: &[u8]) {
-    if bytes != store.get_state("published", name)
-        && let Err(error) = store.put_state("published", name, bytes)
-    {
-        tracing::debug!(%error, "cannot note what was published");
-    }
 }
 
 /// One run at a time per folder, whichever cache it has; the kernel frees the lock.
@@ -334,90 +309,10 @@ fn is_below(path: &str) -> bool {
     path.components().next().is_some() && path.components().all(|c| matches!(c, Component::Normal(_)))
 }
 
-// -------------------------------------------------------------------------------------------------------- state
-
-pub fn state_name(graph: &Graph, out: &Path) -> String {
-    let mut name = Writer::default();
-    name.text(&graph.file.to_string_lossy());
-    name.text(&absolute(out).to_string_lossy());
-    Digest::of(&name.0).short(16)
-}
-
-fn absolute(path: &Path) -> PathBuf {
-    fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_path_buf())
-}
-
-/// What the last runs published here, and what runs that were killed may have. A damaged state is none: then nothing
-/// is removed, and everything read.
-#[derive(Default)]
-struct State {
-    before: BTreeMap<String, Published>,
-    planned: Vec<Published>,
-}
-
-impl State {
-    fn read(store: &Store, name: &str) -> Self {
-        let all = parse(&store.get_state("published", name)).map_or(Vec::new(), |(_, all)| all);
-        let (planned, before): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, planned)| *planned);
-        let before = before.into_iter().map(|(p, _)| (p.path.clone(), p)).collect();
-        Self { before, planned: planned.into_iter().map(|(p, _)| p).collect() }
-    }
-}
-
-/// The output folder and what lies there, true beside what a run was about to write.
-fn parse(bytes: &[u8]) -> Option<(PathBuf, Vec<(Published, bool)>)> {
-    let mut from = Reader::unseal(bytes, TAG)?;
-    // A reboot may have lost what was written without waiting for the disk.
-    let same_boot = from.text()? == boot();
-    let out = PathBuf::from(from.text()?);
-    let all = from.list(|f| {
-        let (path, node) = (f.text()?.to_string(), f.text()?.to_string());
-        let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
-        let stamp = if same_boot { stamp } else { Stamp::default() };
-        Some((Published { path, digest, bytes, written: false, stamp, node }, f.u32()? != 0))
-    })?;
-    Some((out, all))
-}
-
-pub fn is_whole(bytes: &[u8]) -> bool {
-    parse(bytes).is_some()
-}
-
-/// All that this cache knows to be published, with the folder it lies in.
-pub fn all(store: &Store) -> Vec<(PathBuf, Published)> {
-    let mut names: Vec<_> = fs::read_dir(store.root().join("published")).into_iter().flatten().flatten().collect();
-    names.sort_by_key(|e| e.file_name());
-    let states = names.iter().filter_map(|e| parse(&store.get_state("published", e.file_name().to_str()?)));
-    let published = |(p, planned): (Published, bool)| (!planned).then_some(p);
-    states.flat_map(|(out, all)| all.into_iter().filter_map(published).map(move |p| (out.clone(), p))).collect()
-}
-
 /// Puts a published file back from its object; false where that is lost.
 pub fn restore(store: &Store, out: &Path, file: &Published) -> io::Result<bool> {
     let before = BTreeMap::new();
     let (stop, folders) = (&AtomicBool::new(false), Mutex::default());
     let work = Work { out, store, before: &before, verify: true, remote: false, stop, folders };
     Ok(work.write(&out.join(&file.path), &file.digest)?.is_some())
-}
-
-fn write_state<'a>(
-    folder: &Path,
-    all: &BTreeMap<&str, &'a Published>,
-    planned: impl Iterator<Item = &'a Published>,
-) -> Vec<u8> {
-    let planned: BTreeMap<(&str, &Digest), &Published> = planned.map(|p| ((&*p.path, &p.digest), p)).collect();
-    let mut out = Writer::default();
-    out.text(&boot());
-    out.text(&absolute(folder).to_string_lossy());
-    out.u32((all.len() + planned.len()) as u32);
-    let files = all.values().map(|&p| (p, 0)).chain(planned.values().map(|&p| (p, 1)));
-    for (file, planned) in files {
-        out.text(&file.path);
-        out.text(&file.node);
-        out.digest(&file.digest);
-        out.u64(file.bytes);
-        file.stamp.write(&mut out);
-        out.u32(planned);
-    }
-    out.sealed(TAG)
 }

@@ -7,7 +7,7 @@
 //! packs/*.pack        results, and objects up to 4 MiB: one file per run (`pack`)
 //! locks               claims (`lock`)
 //! tmp/RUN/            files before they have a name; gone with the run
-//! plans/, published/, runs/   what `plan`, `publish` and `last` keep
+//! plans/, published/, runs/   what `plan`, `published` and `last` keep
 //! ```
 
 use std::borrow::Cow;

@@ -10,7 +10,7 @@ use super::folder::open;
 use super::pack::{self, Frame, What};
 use super::record::Record;
 use super::store::Store;
-use super::{last, plan, publish, stamp};
+use super::{last, plan, publish, published, stamp};
 use crate::digest::Digest;
 
 /// What lies in a cache.
@@ -138,7 +138,7 @@ pub fn verify(store: &Store) -> Found {
         found.bytes += bytes.len() as u64;
         let good = match name.split_once('/') {
             Some(("plans", _)) => plan::is_whole(&bytes),
-            Some(("published", _)) => publish::is_whole(&bytes),
+            Some(("published", _)) => published::is_whole(&bytes),
             Some((_, "stamps")) => stamp::is_whole(&bytes),
             _ => last::is_whole(&bytes),
         };
@@ -155,7 +155,7 @@ pub fn verify(store: &Store) -> Found {
     }
 
     // (4) Published files.
-    for (out, file) in publish::all(store) {
+    for (out, file) in published::all(store) {
         let path = out.join(&file.path);
         let Some((stamp, digest)) = stamp::hash_output(&path) else { continue };
         found.checked += 1;
