@@ -297,9 +297,7 @@ fn estimates_are_within_a_factor_of_two() {
     let towns = [4, 4];
     let set = |name: &str, path: PathBuf| format!("{name}={path:?}");
     let buildings = many("buildings.geojson", towns);
-    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-    std::io::Write::write_all(&mut packed, buildings.as_bytes()).unwrap();
-    place.write("buildings.geojson.gz", packed.finish().unwrap());
+    place.write("buildings.geojson.gz", support::gzip(&buildings));
     let sets = [
         set("buildings", place.write("buildings.geojson", buildings)),
         set("streets", place.write("streets.geojson", many("streets.geojson", towns))),

@@ -1,23 +1,17 @@
 //! The readers on real data (`LODGE_DATA`), and on the bad input that they must survive.
 
+mod support;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use lodge::artifact::{Buildings, Footprints};
 use lodge::diag::{Findings, Result};
-use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::op::{Bench, Inputs, Op};
 use lodge::ops::footprint::Footprint;
 use lodge::ops::read_cityjson::ReadCityjson;
 use lodge::ops::read_geojson::ReadGeojson;
-
-/// Runs a reader on files in memory, with parameters as TOML.
-fn read<O: Op>(params: &str, files: &[(&str, Vec<u8>)]) -> (Result<O::Out>, Findings) {
-    let mut bench = Bench::default();
-    bench.sources = files.iter().map(|(name, bytes)| Source::of_bytes(name, bytes.clone())).collect();
-    let op: O = toml::from_str(params).unwrap();
-    let out = op.run(&bench.ctx(), O::In::take(Vec::new()));
-    (out, bench.report.finish())
-}
+use support::{gzip, read_files};
 
 /// A file of the real data, if there is any.
 fn data(path: &str) -> Option<(&str, Vec<u8>)> {
@@ -49,7 +43,7 @@ fn every_building_of_the_real_files() {
     ] {
         let path = format!("buildings/{file}.geojson.gz");
         let Some(file) = data(&path) else { return };
-        let (out, findings) = read::<ReadGeojson>(params, &[file]);
+        let (out, findings) = read_files::<ReadGeojson>(params, &[file]);
         let out: Footprints = out.unwrap();
         let [read, accepted, rejected, filtered] = counts(&findings);
         println!("{path}: {read} {accepted} {rejected} {filtered} {:?}", findings.facts);
@@ -72,7 +66,7 @@ fn every_building_of_the_city_models() {
     ] {
         let path = format!("citylod/{file}");
         let Some(file) = data(&path) else { return };
-        let (out, findings) = read::<ReadCityjson>("", &[file]);
+        let (out, findings) = read_files::<ReadCityjson>("", &[file]);
         println!("{path}: {:?} {:?} {:?}", findings.facts, findings.warnings, findings.rejects);
         let out: Buildings = out.unwrap();
         let [_, accepted, rejected, _] = counts(&findings);
@@ -108,7 +102,8 @@ fn every_conformance_case() {
     assert_eq!(files.len(), 34);
     for path in files {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        let (out, findings) = read::<ReadCityjson>("max-rejected = 1.0", &[(&name, std::fs::read(&path).unwrap())]);
+        let (out, findings) =
+            read_files::<ReadCityjson>("max-rejected = 1.0", &[(&name, std::fs::read(&path).unwrap())]);
         let said = match out {
             Ok(out) => format!("{} buildings, {:?}", out.len(), out.lods.iter().collect::<Vec<_>>()),
             Err(e) => e.to_string(),
@@ -140,34 +135,28 @@ fn collection(features: &[String]) -> Vec<u8> {
     format!("{{\"type\":\"FeatureCollection\",\"features\":[\n{}\n]}}\n", features.join(",\n")).into_bytes()
 }
 
-fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-    std::io::Write::write_all(&mut out, bytes).unwrap();
-    out.finish().unwrap()
-}
-
 fn geojson(features: &[String]) -> (Result<Footprints>, Findings) {
-    read::<ReadGeojson>("", &[("a.geojson", collection(features))])
+    read_files::<ReadGeojson>("", &[("a.geojson", collection(features))])
 }
 
 #[test]
 fn a_file_cut_off() {
-    let whole = gzip(&collection(&(0..2000).map(|k| house(&k.to_string(), k % 50)).collect::<Vec<_>>()));
+    let whole = gzip(collection(&(0..2000).map(|k| house(&k.to_string(), k % 50)).collect::<Vec<_>>()));
     for cut in [5, whole.len() / 2, whole.len() - 4] {
-        let e = read::<ReadGeojson>("", &[("a.geojson.gz", whole[..cut].to_vec())]).0.unwrap_err();
+        let e = read_files::<ReadGeojson>("", &[("a.geojson.gz", whole[..cut].to_vec())]).0.unwrap_err();
         assert_eq!(e.message, "`a.geojson.gz` ends in the middle of its compressed data");
-        let e = read::<ReadCityjson>("", &[("a.geojson.gz", whole[..cut].to_vec())]).0.unwrap_err();
+        let e = read_files::<ReadCityjson>("", &[("a.geojson.gz", whole[..cut].to_vec())]).0.unwrap_err();
         assert_eq!(e.code, "bad-gzip");
     }
     let text = collection(&[house("a", 0), house("b", 1)]);
-    let e = read::<ReadGeojson>("", &[("a.geojson", text[..text.len() - 20].to_vec())]).0.unwrap_err();
+    let e = read_files::<ReadGeojson>("", &[("a.geojson", text[..text.len() - 20].to_vec())]).0.unwrap_err();
     assert_eq!(e.message, "a.geojson:3: broken JSON: the text ends too early");
 }
 
 #[test]
 fn broken_json_has_its_line() {
     let text = String::from_utf8(collection(&[house("a", 0), house("b", 1), house("c", 2)])).unwrap();
-    let e = read::<ReadGeojson>("", &[("a.geojson", text.replace("\"b\"", "\"b").into_bytes())]).0.unwrap_err();
+    let e = read_files::<ReadGeojson>("", &[("a.geojson", text.replace("\"b\"", "\"b").into_bytes())]).0.unwrap_err();
     assert!(e.message.starts_with("a.geojson:3: broken JSON: "), "{e}");
 }
 
@@ -197,7 +186,7 @@ fn coordinates_that_are_none() {
     // Projected: what no system reaches.
     let metres = feature(r#""id":"a""#, "Polygon", "[[[90000,440000],[90009,440000],[90000,440009],[90000,440000]]]");
     let all = [metres, feature(r#""id":"b""#, "Polygon", &ring("1e300"))];
-    let (out, f) = read::<ReadGeojson>("crs = 'EPSG:28992'", &[("a.geojson", collection(&all))]);
+    let (out, f) = read_files::<ReadGeojson>("crs = 'EPSG:28992'", &[("a.geojson", collection(&all))]);
     assert_eq!((out.unwrap().len(), f.rejects[0].cause.as_str()), (1, "a coordinate beyond 100,000 km"));
 }
 
@@ -219,7 +208,7 @@ fn polygons_that_are_none() {
         ),
         feature(r#""id":"below","height":-2"#, "Polygon", "[[[7,43],[7.001,43],[7.001,43.001],[7,43]]]"),
     ];
-    let (out, f) = read::<ReadGeojson>("max-rejected = 0.8", &[("a.geojson", collection(&all))]);
+    let (out, f) = read_files::<ReadGeojson>("max-rejected = 0.8", &[("a.geojson", collection(&all))]);
     let out = out.unwrap();
     assert_eq!(out.ids.iter().collect::<Vec<_>>(), ["a", "b", "c", "hole outside"]);
     assert_eq!(counts(&f), [10, 4, 6, 0]);
@@ -230,7 +219,10 @@ fn polygons_that_are_none() {
     assert_eq!(f.facts["rejected_by_cause"], by_cause);
     assert_eq!(f.facts["repaired_by_cause"], serde_json::json!({ "a hole outside its shell was dropped": 1 }));
     // By default half may go, not more.
-    assert_eq!(read::<ReadGeojson>("", &[("a.geojson", collection(&all))]).0.unwrap_err().code, "too-many-rejects");
+    assert_eq!(
+        read_files::<ReadGeojson>("", &[("a.geojson", collection(&all))]).0.unwrap_err().code,
+        "too-many-rejects"
+    );
 }
 
 #[test]
@@ -279,7 +271,7 @@ fn a_height_column_of_texts() {
 fn ids_over_several_files() {
     let a = ("a.geojson", collection(&[house("1", 0), house("x", 1).replace(r#""id":"x","#, "")]));
     let b = ("b.geojson", collection(&[house("1", 2), house("x", 3).replace(r#""id":"x","#, "")]));
-    let (out, f) = read::<ReadGeojson>("", &[a, b]);
+    let (out, f) = read_files::<ReadGeojson>("", &[a, b]);
     // The row of the second is 1, an id that the first feature has: rows run on, names win by order.
     assert_eq!(out.unwrap().ids.iter().collect::<Vec<_>>(), ["1", "3"]);
     let places: Vec<_> = f.rejects.iter().map(|n| n.place.as_str()).collect();
@@ -289,9 +281,11 @@ fn ids_over_several_files() {
 #[test]
 fn a_city_model_without_a_transform() {
     let text = br#"{"type":"CityJSON","version":"2.0","CityObjects":{},"vertices":[]}"#.to_vec();
-    let e = read::<ReadCityjson>("", &[("a.city.json", text)]).0.unwrap_err();
+    let e = read_files::<ReadCityjson>("", &[("a.city.json", text)]).0.unwrap_err();
     assert_eq!(e.message, "a.city.json:1: this CityJSON has no `transform`");
-    let e = read::<ReadCityjson>("", &[("a.city.json", b"{\"type\":\"CityJSON\",\n\"vertices\":[[1,2]]}".to_vec())]).0;
+    let e =
+        read_files::<ReadCityjson>("", &[("a.city.json", b"{\"type\":\"CityJSON\",\n\"vertices\":[[1,2]]}".to_vec())])
+            .0;
     assert_eq!(e.unwrap_err().message, "a.city.json:2: broken JSON: expected a vertex of three numbers");
 }
 
@@ -305,28 +299,28 @@ fn no_cut_and_no_flipped_byte_panics() {
         for byte in [b' ', b'"', b'[', b'9', b'}', 0xff] {
             let mut t = text.clone();
             t[at] = byte;
-            let _ = read::<ReadGeojson>("", &[("a", t)]);
+            let _ = read_files::<ReadGeojson>("", &[("a", t)]);
         }
-        let _ = read::<ReadGeojson>("", &[("a", text[..at].to_vec())]);
+        let _ = read_files::<ReadGeojson>("", &[("a", text[..at].to_vec())]);
     }
     for at in 0..cube.len() {
         for byte in [b' ', b'"', b'[', b'9', b'}', 0xff] {
             let mut t = cube.to_vec();
             t[at] = byte;
-            let _ = read::<ReadCityjson>("", &[("a", t)]);
+            let _ = read_files::<ReadCityjson>("", &[("a", t)]);
         }
-        assert!(read::<ReadCityjson>("", &[("a", cube[..at].to_vec())]).0.is_err());
+        assert!(read_files::<ReadCityjson>("", &[("a", cube[..at].to_vec())]).0.is_err());
     }
-    assert_eq!(read::<ReadCityjson>("", &[("a", cube.to_vec())]).0.unwrap().len(), 1);
+    assert_eq!(read_files::<ReadCityjson>("", &[("a", cube.to_vec())]).0.unwrap().len(), 1);
 }
 
 #[test]
 fn layers_survive_being_written() {
     let Some(file) = data("buildings/monaco_osm.geojson.gz") else { return };
-    let (out, _) = read::<ReadGeojson>("where.layer = 'building'", &[file]);
+    let (out, _) = read_files::<ReadGeojson>("where.layer = 'building'", &[file]);
     let out = out.unwrap();
     let bytes = lodge::io::geojson::footprints(&out).unwrap();
-    let (again, f) = read::<ReadGeojson>("", &[("monaco.geojson", bytes)]);
+    let (again, f) = read_files::<ReadGeojson>("", &[("monaco.geojson", bytes)]);
     let again = again.unwrap();
     assert_eq!(counts(&f), [1207, 1207, 0, 0]);
     assert_eq!(again.frame, out.frame);

@@ -1,24 +1,20 @@
 //! Lines and city models from files with something broken in them: an error with its place, or a reject with its id and
-//! the rest of the file; the same where files contradict each other. (Footprints: `readers.rs`; whole pipelines, and bytes changed at random: `bad_input.rs`.)
+//! the rest of the file; the same where files contradict each other. (Footprints:
+//! `readers.rs`; whole pipelines, and bytes changed at random: `bad_input.rs`.)
 
 mod lines;
 mod models;
 mod said;
+#[path = "../support/mod.rs"]
+mod support;
 
 use lodge::diag::{Findings, Result};
-use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::op::Op;
+use support::{gzip, read_files};
 
 /// Runs a reader on one file in memory, with parameters as TOML.
 fn read<O: Op>(params: &str, file: &str, bytes: impl Into<Vec<u8>>) -> (Result<O::Out>, Findings) {
-    read_all::<O>(params, &[(file, bytes.into())])
-}
-
-fn read_all<O: Op>(params: &str, files: &[(&str, Vec<u8>)]) -> (Result<O::Out>, Findings) {
-    let mut bench = Bench::default();
-    bench.sources = files.iter().map(|(name, bytes)| Source::of_bytes(name, bytes.clone())).collect();
-    let op: O = toml::from_str(params).unwrap();
-    let out = op.run(&bench.ctx(), O::In::take(Vec::new()));
-    (out, bench.report.finish())
+    read_files::<O>(params, &[(file, bytes.into())])
 }
 
 /// Read, accepted, rejected and filtered, which must add up.
@@ -32,12 +28,6 @@ fn counts(f: &Findings) -> [u64; 4] {
 /// Id, place and cause of every reject, in order.
 fn rejects(f: &Findings) -> Vec<[&str; 3]> {
     f.rejects.iter().map(|n| [n.id.as_str(), n.place.as_str(), n.cause.as_str()]).collect()
-}
-
-fn gzip(text: &str) -> Vec<u8> {
-    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-    std::io::Write::write_all(&mut out, text.as_bytes()).unwrap();
-    out.finish().unwrap()
 }
 
 /// Packed without compression, one piece of the text replaced by another of the same length: JSON as good as before.

@@ -7,7 +7,7 @@ use lodge::ops::read_cityjson::ReadCityjson;
 use lodge::ops::read_geojson::ReadGeojson;
 use lodge::ops::read_lines::ReadLines;
 
-use super::{counts, read, read_all, rejects};
+use super::{counts, read, read_files, rejects};
 
 /// A square of 100 m at `[x, y]` in metres, or of a thousandth of a degree.
 fn square(id: &str, [x, y]: [f64; 2]) -> String {
@@ -32,7 +32,7 @@ fn collection(crs: &str, features: &[String]) -> String {
 fn both(params: &str, files: &[(&str, &str)]) -> [Result<usize, String>; 2] {
     let files: Vec<_> = files.iter().map(|(name, text)| (*name, text.as_bytes().to_vec())).collect();
     fn of<O: Op>(params: &str, files: &[(&str, Vec<u8>)], len: impl Fn(O::Out) -> usize) -> Result<usize, String> {
-        read_all::<O>(params, files).0.map(len).map_err(|e| e.message)
+        read_files::<O>(params, files).0.map(len).map_err(|e| e.message)
     }
     [of::<ReadGeojson>(params, &files, |o| o.len()), of::<ReadLines>(params, &files, |o| o.len())]
 }
@@ -156,7 +156,7 @@ fn model(id: &str, crs: &str, objects: &str) -> String {
 
 fn cities(files: &[(&str, String)]) -> (Result<Buildings>, Findings) {
     let files: Vec<_> = files.iter().map(|(name, text)| (*name, text.clone().into_bytes())).collect();
-    read_all::<ReadCityjson>("max-rejected = 0.9", &files)
+    read_files::<ReadCityjson>("max-rejected = 0.9", &files)
 }
 
 #[test]

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use lodge::diag::{Findings, Result};
+use lodge::op::{Bench, Inputs, Op, Source};
 use serde_json::Value;
 
 /// The project's folder.
@@ -28,6 +30,21 @@ pub fn real_data() -> Option<PathBuf> {
             None
         }
     }
+}
+
+/// Runs a reader on files in memory, with parameters as TOML.
+pub fn read_files<O: Op>(params: &str, files: &[(&str, Vec<u8>)]) -> (Result<O::Out>, Findings) {
+    let mut bench = Bench::default();
+    bench.sources = files.iter().map(|(name, bytes)| Source::of_bytes(name, bytes.clone())).collect();
+    let op: O = toml::from_str(params).unwrap();
+    let out = op.run(&bench.ctx(), O::In::take(Vec::new()));
+    (out, bench.report.finish())
+}
+
+pub fn gzip(bytes: impl AsRef<[u8]>) -> Vec<u8> {
+    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut out, bytes.as_ref()).unwrap();
+    out.finish().unwrap()
 }
 
 /// A folder with a cache and outputs of its own.
