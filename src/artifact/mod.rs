@@ -9,12 +9,14 @@ pub mod hulls;
 pub mod landmarks;
 pub mod lines;
 pub mod mesh;
+pub mod plane_tiles;
 pub mod sections;
 pub mod shapes;
 pub mod table;
 pub mod tile_tree;
 #[cfg(test)]
 pub mod toy;
+pub mod voxels;
 
 crate::json_field!(crate::geom::frame::Frame);
 
@@ -32,9 +34,11 @@ pub use hulls::Hulls;
 pub use landmarks::Landmarks;
 pub use lines::Lines;
 pub use mesh::Mesh;
+pub use plane_tiles::PlaneTiles;
 pub use shapes::Shapes;
 pub use table::{Cell, Table};
 pub use tile_tree::TileTree;
+pub use voxels::Voxels;
 
 use crate::diag::Result;
 use sections::{Decoder, Encoder};
@@ -136,7 +140,9 @@ pub static KINDS: &[&Kind] = &[
     Landmarks::KIND,
     Lines::KIND,
     Mesh::KIND,
+    PlaneTiles::KIND,
     TileTree::KIND,
+    Voxels::KIND,
 ];
 
 /// `[min x, min y, max x, max y]` in metres of points in millimetres, for summaries; null where there are none.

@@ -14,6 +14,7 @@ pub mod forms;
 pub mod frame;
 pub mod gap;
 pub mod globe;
+pub mod lattice;
 pub mod mercator;
 pub mod merge_rings;
 pub mod near_boxes;

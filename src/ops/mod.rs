@@ -14,6 +14,7 @@ pub mod read_lines;
 pub mod simplify_footprints;
 pub mod simplify_polyline;
 pub mod tile;
+pub mod vote_tile;
 pub mod write_cityjson;
 pub mod write_geojson;
 pub mod write_glb;
@@ -35,6 +36,7 @@ static LIST: &[Entry] = &[
     Entry::of::<simplify_footprints::SimplifyFootprints>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<tile::Tile>(),
+    Entry::of::<vote_tile::VoteTile>(),
     Entry::of::<write_cityjson::WriteCityjson>(),
     Entry::of::<write_geojson::WriteGeojson>(),
     Entry::of::<write_glb::WriteGlb>(),
