@@ -128,7 +128,10 @@ pub trait Cell: bytemuck::Pod {}
 
 macro_rules! cells { ($($t:ty),*) => { $(impl Cell for $t {})* } }
 cells!(u8, i8, u16, i16, u32, i32, u64, i64, f32, f64);
-cells!([i32; 2], [i32; 3], [u32; 2], [u32; 3], [f64; 2], [f64; 3], [f64; 4], [f32; 2], [f32; 3], [u8; 4], [i64; 4]);
+cells!(
+    [i32; 2], [i32; 3], [u32; 2], [u32; 3], [f64; 2], [f64; 3], [f64; 4], [f32; 2], [f32; 3], [f32; 4], [u8; 4],
+    [i64; 4]
+);
 
 #[cfg(target_endian = "big")]
 compile_error!("artifacts are little-endian and columns are copied as they lie in memory");

@@ -62,6 +62,7 @@ pub fn extrude(hulls: &Hulls, footprints: &Footprints) -> Mesh {
         primitives: Vec::new(),
         feature_ids: (0..hulls.len()).map(|i| name(hulls, footprints, i)).collect(),
         attributes: attributes(hulls),
+        surface: Default::default(),
     };
     for name in ["wall", "roof", "ground"] {
         let (first_triangle, mut base) = (mesh.triangles.len() as u32, 0);
@@ -75,7 +76,7 @@ pub fn extrude(hulls: &Hulls, footprints: &Footprints) -> Mesh {
             base += p.positions.len() as u32;
         }
         let triangles = mesh.triangles.len() as u32 - first_triangle;
-        mesh.primitives.push(Primitive { name: name.into(), first_triangle, triangles });
+        mesh.primitives.push(Primitive { name: name.into(), first_triangle, triangles, material: None });
     }
     for (i, p) in prisms.into_iter().enumerate() {
         mesh.features.resize(mesh.features.len() + p.positions.len(), i as u32);

@@ -274,6 +274,7 @@ mod tests {
             primitives: Vec::new(),
             feature_ids: names.iter().collect(),
             attributes: Attributes::default(),
+            surface: Default::default(),
         };
         for f in 0..names.len() as u32 {
             let v = 4 * f;
@@ -285,6 +286,7 @@ mod tests {
             name: "roof".into(),
             first_triangle: 0,
             triangles: out.triangles.len() as u32,
+            material: None,
         });
         out
     }

@@ -56,9 +56,10 @@ mod tests {
             positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
             triangles: vec![[0, 1, 2]],
             features: vec![0; 3],
-            primitives: vec![Primitive { name: "roof".into(), first_triangle: 0, triangles: 1 }],
+            primitives: vec![Primitive { name: "roof".into(), first_triangle: 0, triangles: 1, material: None }],
             feature_ids: ["a"].into_iter().collect(),
             attributes: Default::default(),
+            surface: Default::default(),
         };
         let bench = Bench::default();
         let op = WriteGlb { path: "./a//b.glb".into() };

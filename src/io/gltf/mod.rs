@@ -340,9 +340,9 @@ mod tests {
             ],
             features: vec![0, 0, 0, 0, 1, 1, 1, 1],
             primitives: vec![
-                Primitive { name: "wall".into(), first_triangle: 0, triangles: 8 },
-                Primitive { name: "roof".into(), first_triangle: 8, triangles: 2 },
-                Primitive { name: "ground".into(), first_triangle: 10, triangles: 2 },
+                Primitive { name: "wall".into(), first_triangle: 0, triangles: 8, material: None },
+                Primitive { name: "roof".into(), first_triangle: 8, triangles: 2, material: None },
+                Primitive { name: "ground".into(), first_triangle: 10, triangles: 2, material: None },
             ],
             feature_ids: ["a", "ü-17"].into_iter().collect(),
             attributes: Attributes {
@@ -352,6 +352,7 @@ mod tests {
                     present: vec![true, false],
                 }],
             },
+            surface: Default::default(),
         }
     }
 
@@ -393,6 +394,7 @@ mod tests {
             primitives: vec![],
             feature_ids: Default::default(),
             attributes: Default::default(),
+            surface: Default::default(),
             ..block()
         };
         let (json, bin) = json_of(&super::mesh(&mesh).unwrap());
