@@ -1,5 +1,6 @@
 //! Voxels: which nodes of a cubic grid are inside.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
@@ -75,6 +76,44 @@ impl Voxels {
         let at = (z * self.lattice.side() + y) * self.words() + x / 64;
         self.black[at] |= 1 << (x % 64);
     }
+    /// Black end and direction of every grid edge with one black and one white end, in the order of
+    /// [`stick_number`].
+    pub fn sticks(&self) -> Vec<([u16; 3], u8)> {
+        (0..self.lattice.side()).into_par_iter().map(|z| self.sticks_of(z)).collect::<Vec<_>>().concat()
+    }
+
+    fn sticks_of(&self, z: usize) -> Vec<([u16; 3], u8)> {
+        let (side, words) = (self.lattice.side(), self.words());
+        let none = vec![0u64; words];
+        let beside = |y: Option<usize>, z: Option<usize>| match (y, z) {
+            (Some(y), Some(z)) if y < side && z < side => self.row(y, z),
+            _ => &none[..],
+        };
+        let mut out = Vec::new();
+        for y in 0..side {
+            let row = self.row(y, z);
+            if row.iter().all(|&w| w == 0) {
+                continue;
+            }
+            let (front, back) = (beside(Some(y + 1), Some(z)), beside(y.checked_sub(1), Some(z)));
+            let (above, below) = (beside(Some(y), Some(z + 1)), beside(Some(y), z.checked_sub(1)));
+            for i in 0..words {
+                let right = row[i] >> 1 | row.get(i + 1).map_or(0, |w| w << 63);
+                let left = row[i] << 1 | if i > 0 { row[i - 1] >> 63 } else { 0 };
+                let white = [right, left, front[i], back[i], above[i], below[i]].map(|other| row[i] & !other);
+                let mut any = white.iter().fold(0, |m, w| m | w);
+                while any != 0 {
+                    let bit = any.trailing_zeros();
+                    any &= any - 1;
+                    let black = [(64 * i + bit as usize) as u16, y as u16, z as u16];
+                    let open = (0..6u8).filter(|&d| white[usize::from(d)] >> bit & 1 == 1);
+                    out.extend(open.map(|direction| (black, direction)));
+                }
+            }
+        }
+        out
+    }
+
     /// Number of black nodes.
     pub fn inside(&self) -> u64 {
         self.black.iter().map(|w| u64::from(w.count_ones())).sum()

@@ -31,7 +31,7 @@ crate::inputs! {
 
 impl Op for Extrude {
     const NAME: &'static str = "extrude";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Mesh;
 

@@ -15,6 +15,7 @@ pub mod simplify_footprints;
 pub mod simplify_polyline;
 pub mod tile;
 pub mod vote_tile;
+pub mod voxelize;
 pub mod write_cityjson;
 pub mod write_geojson;
 pub mod write_glb;
@@ -37,6 +38,7 @@ static LIST: &[Entry] = &[
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<tile::Tile>(),
     Entry::of::<vote_tile::VoteTile>(),
+    Entry::of::<voxelize::Voxelize>(),
     Entry::of::<write_cityjson::WriteCityjson>(),
     Entry::of::<write_geojson::WriteGeojson>(),
     Entry::of::<write_glb::WriteGlb>(),

@@ -1,7 +1,5 @@
 //! The sticks of a grid, and the neighbourhood of each.
 
-use rayon::prelude::*;
-
 use super::dictionary::{Dictionary, Ray};
 use crate::artifact::voxels::{STEPS, Voxels, stick_number};
 use crate::geom::lattice::factors;
@@ -55,39 +53,7 @@ impl Stick {
 
 /// All sticks, ascending by z, y, x of the black end, then by direction.
 pub fn of(voxels: &Voxels) -> Vec<Stick> {
-    let side = voxels.lattice.side();
-    let words = voxels.words();
-    let none = vec![0u64; words];
-    let layer = |z: usize| {
-        let mut out = Vec::new();
-        for y in 0..side {
-            let row = voxels.row(y, z);
-            if row.iter().all(|&w| w == 0) {
-                continue;
-            }
-            let beside = |y: Option<usize>, z: Option<usize>| match (y, z) {
-                (Some(y), Some(z)) if y < side && z < side => voxels.row(y, z),
-                _ => &none[..],
-            };
-            let (front, back) = (beside(Some(y + 1), Some(z)), beside(y.checked_sub(1), Some(z)));
-            let (above, below) = (beside(Some(y), Some(z + 1)), beside(Some(y), z.checked_sub(1)));
-            for i in 0..words {
-                let right = row[i] >> 1 | row.get(i + 1).map_or(0, |w| w << 63);
-                let left = row[i] << 1 | if i > 0 { row[i - 1] >> 63 } else { 0 };
-                let white = [right, left, front[i], back[i], above[i], below[i]].map(|other| row[i] & !other);
-                let mut any = white.iter().fold(0, |m, w| m | w);
-                while any != 0 {
-                    let bit = any.trailing_zeros();
-                    any &= any - 1;
-                    let black = [(64 * i + bit as usize) as u16, y as u16, z as u16];
-                    let open = (0..6u8).filter(|&d| white[usize::from(d)] >> bit & 1 == 1);
-                    out.extend(open.map(|direction| Stick { black, direction }));
-                }
-            }
-        }
-        out
-    };
-    (0..side).into_par_iter().map(layer).collect::<Vec<_>>().concat()
+    voxels.sticks().into_iter().map(|(black, direction)| Stick { black, direction }).collect()
 }
 
 /// Reads neighbourhoods of one size out of the grid.

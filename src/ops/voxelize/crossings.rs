@@ -1,0 +1,183 @@
+//! Where a mesh crosses the edges of a grid, exactly.
+//!
+//! Vertices are snapped to 2^-16 of a cell; edge functions are i64, heights i128 where f64 cannot decide. A node on
+//! the shared edge of two triangles belongs to one of them (as if it lay a little off, by e to the right and e^2 up),
+//! so that closed meshes are crossed an even number of times on every line.
+
+use rayon::prelude::*;
+
+/// Parts of a cell.
+pub const UNIT: i64 = 1 << 16;
+
+/// A mesh on the grid.
+pub struct Snapped {
+    /// In parts of a cell from node (0, 0, 0).
+    pub vertices: Vec<[i32; 3]>,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Crossings of the grid edges along one axis, ascending; see [`Crossing`].
+pub type Crossings = Vec<Crossing>;
+
+/// Lower node as z, y, x of 16 bits each, then: 1 where the ray comes in (0: goes out), then which end of the edge is
+/// nearer (0 lower, 1 half way, 2 upper, 3: on the lower node itself).
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub struct Crossing(u64);
+
+impl Crossing {
+    /// x, y, z of the edge's lower node.
+    pub fn node(self) -> [usize; 3] {
+        [16, 32, 48].map(|shift| (self.0 >> shift) as usize & 0xffff)
+    }
+    /// +1 where a ray along the axis comes in, -1 where it goes out.
+    pub fn step(self) -> i32 {
+        if self.0 >> 8 & 1 == 1 { 1 } else { -1 }
+    }
+    pub fn place(self) -> Place {
+        [Place::Lower, Place::Half, Place::Upper, Place::OnNode][self.0 as usize & 3]
+    }
+    /// Orders by z, then y.
+    pub fn slice(self) -> usize {
+        (self.0 >> 48) as usize
+    }
+}
+
+/// Where on its edge a crossing lies.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Place {
+    Lower,
+    Half,
+    Upper,
+    /// On the lower node.
+    OnNode,
+}
+
+/// All crossings of a mesh, and the nodes that lie on it.
+pub struct Hits {
+    /// Along x, y, z.
+    pub axes: [Crossings; 3],
+    /// Nodes on the surface, as z, y, x of 16 bits each, ascending, each once.
+    pub on: Vec<u64>,
+}
+
+/// x, y, z of a node in [`Hits::on`].
+pub fn node_of(key: u64) -> [usize; 3] {
+    [0, 16, 32].map(|shift| (key >> shift) as usize & 0xffff)
+}
+pub fn key_of([x, y, z]: [usize; 3]) -> u64 {
+    (z as u64) << 32 | (y as u64) << 16 | x as u64
+}
+
+/// Every edge's crossings with every triangle. `flip`: the mesh is inside out.
+pub fn of(mesh: &Snapped, flip: bool) -> Hits {
+    let parts: Vec<([Crossings; 3], Vec<u64>)> = mesh
+        .triangles
+        .par_chunks(8192)
+        .map(|triangles| {
+            let (mut axes, mut on): ([Crossings; 3], Vec<u64>) = Default::default();
+            for t in triangles {
+                let corners = t.map(|v| mesh.vertices[v as usize]);
+                for (axis, out) in axes.iter_mut().enumerate() {
+                    cross(&corners, axis, flip, out, &mut on);
+                }
+            }
+            (axes, on)
+        })
+        .collect();
+    let (mut axes, mut on): ([Crossings; 3], Vec<u64>) = Default::default();
+    for (part, part_on) in parts {
+        axes.iter_mut().zip(part).for_each(|(all, some)| all.extend(some));
+        on.extend(part_on);
+    }
+    axes.par_iter_mut().for_each(|all| all.sort_unstable());
+    on.sort_unstable();
+    on.dedup();
+    Hits { axes, on }
+}
+
+/// First and last node between two places.
+fn nodes(low: i32, high: i32) -> (i64, i64) {
+    ((i64::from(low) + UNIT - 1) >> 16, i64::from(high) >> 16)
+}
+
+fn cross(corners: &[[i32; 3]; 3], axis: usize, flip: bool, out: &mut Crossings, on: &mut Vec<u64>) {
+    let (iu, iv) = ((axis + 1) % 3, (axis + 2) % 3);
+    let [a, mut b, mut c] = *corners;
+    let range = |i: usize| nodes(a[i].min(b[i]).min(c[i]), a[i].max(b[i]).max(c[i]));
+    let ((u0, u1), (v0, v1)) = (range(iu), range(iv));
+    if u0 > u1 || v0 > v1 {
+        return;
+    }
+    let at = |p: &[i32; 3]| [i64::from(p[iu]), i64::from(p[iv])];
+    let doubled = |a: [i64; 2], b: [i64; 2], c: [i64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let mut area = doubled(at(&a), at(&b), at(&c));
+    if area == 0 {
+        return;
+    }
+    // A face that looks along the axis is where a ray goes out.
+    let comes_in = (area < 0) != flip;
+    if area < 0 {
+        std::mem::swap(&mut b, &mut c);
+        area = -area;
+    }
+    let ends = [(at(&b), at(&c)), (at(&c), at(&a)), (at(&a), at(&b))];
+    let heights = [a, b, c].map(|p| i64::from(p[axis]));
+    let edges = ends.map(|(p, q)| ([q[0] - p[0], q[1] - p[1]], p));
+    let holds_edge = edges.map(|(d, _)| d[1] < 0 || d[1] == 0 && d[0] > 0);
+    for v in v0..=v1 {
+        // Each edge's value at u = 0 of this row, and what a node further adds.
+        let row = edges.map(|(d, p)| (d[0] * (v * UNIT - p[1]) + d[1] * p[0], -d[1] * UNIT));
+        let (mut first, mut last) = (u0, u1);
+        if u1 - u0 > 3 {
+            for (start, step) in row {
+                // start + step u >= 0
+                if step > 0 {
+                    first = first.max(-start.div_euclid(step));
+                } else if step < 0 {
+                    last = last.min(start.div_euclid(-step));
+                } else if start < 0 {
+                    last = first - 1;
+                }
+            }
+        }
+        for u in first..=last {
+            let e = row.map(|(start, step)| start + step * u);
+            if e.iter().any(|&e| e < 0) {
+                continue;
+            }
+            let inside = (0..3).all(|i| e[i] > 0 || holds_edge[i]);
+            let (whole, place) = height(e, heights, area);
+            let mut node = [0; 3];
+            (node[iu], node[iv], node[axis]) = (u as usize, v as usize, whole as usize);
+            if place == Place::OnNode {
+                on.push(key_of(node));
+            }
+            if inside {
+                out.push(Crossing(key_of(node) << 16 | u64::from(comes_in) << 8 | place as u64));
+            }
+        }
+    }
+}
+
+/// The node below the triangle's height where its edge functions are `e`, and how far above it the triangle is.
+fn height(e: [i64; 3], heights: [i64; 3], area: i64) -> (i64, Place) {
+    let about = (0..3).map(|i| e[i] as f64 * heights[i] as f64).sum::<f64>() / area as f64;
+    // Parts of a cell; off by less than 2^-20.
+    let halves = about / (UNIT / 2) as f64;
+    let near = halves.round();
+    if (halves - near).abs() * (UNIT / 2) as f64 > 0.001 {
+        let half = halves.floor() as i64;
+        return (half >> 1, if half & 1 == 0 { Place::Lower } else { Place::Upper });
+    }
+    let sum: i128 = (0..3).map(|i| i128::from(e[i]) * i128::from(heights[i])).sum();
+    let cell = i128::from(area) * i128::from(UNIT);
+    let whole = sum.div_euclid(cell);
+    let rest = 2 * sum.rem_euclid(cell);
+    let place = match rest.cmp(&cell) {
+        _ if rest == 0 => Place::OnNode,
+        std::cmp::Ordering::Less => Place::Lower,
+        std::cmp::Ordering::Equal => Place::Half,
+        std::cmp::Ordering::Greater => Place::Upper,
+    };
+    (whole as i64, place)
+}

@@ -1,0 +1,419 @@
+//! Which nodes of a regular grid are inside a mesh.
+//!
+//! In:     triangles, closed or not; local frame, metres.
+//! Out:    (N + 1)^3 nodes, N = `resolution` + 3 cells a side, the box of the mesh in the middle: black inside or on the
+//!         surface, white outside. Vertices are snapped to 2^-16 of a cell; everything after that is exact but the
+//!         winding number. Sticks on edges that the surface does not cross (the membrane over a hole) are marked.
+//!         `winding`: where six rays along the axes agree, their count decides; else the generalized winding number, at
+//!         least one half is inside (its absolute value in a mesh whose volume is negative). In boxes of 4^3 cells
+//!         that no triangle comes near the nine values at corners and middle decide if they are clear of one half by 0.2.
+//!         `parity`: at least four of six rays cross an odd number of triangles. `flood`: all that cannot be reached from
+//!         outside. `surface`: nodes within half a cell of the surface.
+//!         `thin = "thicken"`: of a crossed edge between white nodes the one nearer to the surface becomes black (half way:
+//!         the one nearer to the grid's middle, then the lower).
+//! Errors: no triangles with finite corners. Triangles with a corner that is not finite are rejected and counted.
+//! Cost:   O(triangles + crossings) and one bit a node; a few microseconds for each node in doubt.
+//! Source: Andújar et al., Computing maximal tiles, section 3; Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside
+//!         segmentation using generalized winding numbers. Snapping, six rays and thickening are ours.
+//! Tried:  the mean of six rays instead of the winding number: a quarter of a car's nodes wrong.
+
+pub mod crossings;
+mod fill;
+#[cfg(test)]
+mod tests;
+mod winding;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::artifact::voxels::{Losses, STEPS, stick_number};
+use crate::artifact::{Mesh, Voxels};
+use crate::diag::{Diagnostic, Note, Result};
+use crate::geom::frame::Frame;
+use crate::geom::lattice::Lattice;
+use crate::op::{Ctx, Op};
+use crossings::{Hits, Place, Snapped, UNIT, key_of, node_of};
+use fill::Count;
+
+/// What is inside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fill {
+    /// Surrounded at least half: stands open and self-intersecting meshes.
+    Winding,
+    /// Behind an odd number of triangles.
+    Parity,
+    /// Not reachable from outside.
+    Flood,
+    /// Within half a cell of the surface.
+    Surface,
+}
+
+/// What becomes of parts thinner than a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Thin {
+    /// One layer of nodes.
+    Thicken,
+    /// Nothing: they are lost.
+    Keep,
+}
+
+crate::params! {
+    /// A mesh on a regular grid of nodes.
+    pub struct Voxelize {
+        /// Cells along the longest side of the mesh's box.
+        #[schemars(range(min = 2, max = 1024), extend("x-unit" = "cells"))]
+        pub resolution: u32 = 128,
+        /// What is inside.
+        pub fill: Fill = Fill::Winding,
+        /// What becomes of parts thinner than a cell.
+        pub thin: Thin = Thin::Thicken,
+    }
+}
+
+crate::inputs! {
+    /// Triangles.
+    mesh: Mesh,
+}
+
+impl Op for Voxelize {
+    const NAME: &'static str = "voxelize";
+    const VERSION: u32 = 1;
+    type In = In;
+    type Out = Voxels;
+    const FACTS: &'static [(&'static str, &'static str)] = &[
+        ("read", "triangles of the mesh"),
+        ("flat_triangles", "triangles without an area on the grid"),
+        ("doubtful", "nodes for which six rays do not agree"),
+    ];
+
+    fn run(&self, ctx: &Ctx, input: In) -> Result<Voxels> {
+        let (snapped, lattice, broken) = snap(&input.mesh, self.resolution)?;
+        for t in broken {
+            let cause = "a corner is not a finite number".to_string();
+            ctx.report.reject(Note { row: t as u64, id: format!("triangle {t}"), place: String::new(), cause });
+        }
+        ctx.check()?;
+        let (voxels, doubtful) = voxelize(&snapped, lattice, &input.mesh.frame, self);
+        if voxels.inside() == 0 {
+            ctx.report
+                .warn("no node is inside: the mesh is thinner than a cell everywhere, a finer `resolution` may see it");
+        }
+        ctx.report.fact("read", input.mesh.triangles.len());
+        ctx.report.fact("flat_triangles", snapped.flat());
+        ctx.report.fact("doubtful", doubtful);
+        Ok(voxels)
+    }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        let side = u64::from(self.resolution) + 4;
+        (16 << 20) + 4 * input_bytes + side * side * side / 2
+    }
+}
+
+impl Snapped {
+    /// Triangles whose corners lie on a line.
+    fn flat(&self) -> usize {
+        let flat = |t: &&[u32; 3]| {
+            let [a, b, c] = t.map(|v| self.vertices[v as usize].map(i128::from));
+            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+            (0..3).all(|k| u[k] * v[(k + 1) % 3] == u[(k + 1) % 3] * v[k])
+        };
+        self.triangles.par_iter().filter(flat).count()
+    }
+
+    /// Six times the volume, positive where faces look outside.
+    fn volume(&self) -> i128 {
+        let six = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| self.vertices[v as usize].map(i128::from));
+            let det = |i: usize, j: usize, k: usize| a[i] * (b[j] * c[k] - b[k] * c[j]);
+            det(0, 1, 2) + det(1, 2, 0) + det(2, 0, 1)
+        };
+        self.triangles.par_iter().map(six).sum()
+    }
+}
+
+/// The mesh in parts of a cell, the grid, and the numbers of triangles that are left out.
+pub fn snap(mesh: &Mesh, resolution: u32) -> Result<(Snapped, Lattice, Vec<usize>)> {
+    let sound = |t: &[u32; 3]| t.iter().all(|&v| mesh.positions[v as usize].iter().all(|c| c.is_finite()));
+    let broken: Vec<usize> = (0..mesh.triangles.len()).filter(|&t| !sound(&mesh.triangles[t])).collect();
+    let triangles: Vec<[u32; 3]> = mesh.triangles.iter().copied().filter(sound).collect();
+    if triangles.is_empty() {
+        let message = format!("the mesh has no triangle with finite corners (of {})", mesh.triangles.len());
+        return Err(Diagnostic::error("empty-mesh", message));
+    }
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for &v in triangles.iter().flatten() {
+        let p = mesh.positions[v as usize];
+        for k in 0..3 {
+            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
+        }
+    }
+    if !(0..3).all(|k| (high[k] - low[k]).is_finite()) {
+        return Err(Diagnostic::error("bad-mesh", "the mesh is wider than a number can say"));
+    }
+    let lattice = Lattice::around(low, high, resolution);
+    if !(lattice.cell > 0.0 && lattice.cell.is_normal()) {
+        return Err(Diagnostic::error("bad-mesh", format!("cells of {} m are too small", lattice.cell)));
+    }
+    // Corners of no triangle may lie anywhere, or nowhere.
+    let part = |c: f64| (c * UNIT as f64).round().clamp(0.0, (f64::from(lattice.cells)) * UNIT as f64) as i32;
+    let vertices = mesh.positions.par_iter().map(|&p| lattice.to_cells(p).map(part)).collect();
+    Ok((Snapped { vertices, triangles }, lattice, broken))
+}
+
+/// The grid, and the number of nodes that six rays do not agree on.
+pub fn voxelize(mesh: &Snapped, lattice: Lattice, frame: &Frame, how: &Voxelize) -> (Voxels, usize) {
+    let side = lattice.side();
+    let flip = how.fill == Fill::Winding && mesh.volume() < 0;
+    let hits = crossings::of(mesh, flip);
+    let mut out =
+        Voxels { frame: frame.clone(), lattice, black: Vec::new(), membrane: Vec::new(), losses: Losses::default() };
+    let mut doubtful = 0;
+    match how.fill {
+        Fill::Winding => {
+            let rays = fill::rays(&hits, side, Count::Winding);
+            out.black = rays.black;
+            doubtful = rays.doubts.len();
+            for key in surrounded(mesh, &rays.doubts, side, flip) {
+                out.set(node_of(key));
+            }
+        }
+        Fill::Parity => {
+            let rays = fill::rays(&hits, side, Count::Parity);
+            out.black = rays.black;
+            doubtful = rays.doubts.len();
+        }
+        Fill::Flood => {
+            out.black = fill::flood(&hits, side);
+            let parity: u64 =
+                fill::rays(&hits, side, Count::Parity).black.iter().map(|w| u64::from(w.count_ones())).sum();
+            out.losses.leaked = 100 * out.inside().saturating_sub(hits.on.len() as u64) < parity;
+        }
+        Fill::Surface => {
+            out.black = vec![0; side * side * out.words()];
+            for key in near(mesh) {
+                out.set(node_of(key));
+            }
+        }
+    }
+    hits.on.iter().for_each(|&key| out.set(node_of(key)));
+    let thick = thin_parts(&hits, &mut out, how.thin);
+    if how.fill != Fill::Surface {
+        out.membrane = membrane(&hits, &out, &thick);
+    }
+    (out, doubtful)
+}
+
+/// Nodes in doubt whose winding number is at least one half.
+fn surrounded(mesh: &Snapped, doubts: &[u64], side: usize, flip: bool) -> Vec<u64> {
+    if doubts.is_empty() {
+        return Vec::new();
+    }
+    const BOX: usize = 4;
+    let tree = winding::Tree::new(mesh, flip);
+    let at = |p: [usize; 3]| tree.at(p.map(|c| c as f64));
+    // (1) boxes that a triangle comes near: its own box, one cell wider
+    let across = side.div_ceil(BOX);
+    let mut touched = vec![false; across * across * across];
+    for t in &mesh.triangles {
+        let corners = t.map(|v| mesh.vertices[v as usize]);
+        let range = |k: usize| {
+            let (low, high) = corners.iter().fold((i32::MAX, i32::MIN), |(l, h), c| (l.min(c[k]), h.max(c[k])));
+            let cell = |v: i64| (v / UNIT).clamp(0, side as i64 - 1) as usize;
+            // A box reaches from its first node to the next one's first: a node on the border belongs to both.
+            let (first, last) = (cell(i64::from(low) - UNIT).saturating_sub(1), cell(i64::from(high) + UNIT));
+            first / BOX..=last / BOX
+        };
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    touched[(z * across + y) * across + x] = true;
+                }
+            }
+        }
+    }
+    // (2) nodes in doubt by box
+    let of = |key: u64| {
+        let [x, y, z] = node_of(key).map(|c| c / BOX);
+        (z * across + y) * across + x
+    };
+    let mut by_box: Vec<(u32, u64)> = doubts.iter().map(|&key| (of(key) as u32, key)).collect();
+    by_box.par_sort_unstable();
+    let groups: Vec<&[(u32, u64)]> = by_box.chunk_by(|a, b| a.0 == b.0).collect();
+    let inside: Vec<Vec<u64>> = groups
+        .par_iter()
+        .map(|group| {
+            let all = || group.iter().map(|&(_, key)| key);
+            let number = group[0].0 as usize;
+            if !touched[number] && group.len() > 9 {
+                let low = [number % across, number / across % across, number / (across * across)].map(|c| c * BOX);
+                let probe = |i: usize| at([0, 1, 2].map(|k| low[k] + (i >> k & 1) * BOX));
+                let values: Vec<f64> = (0..8).map(probe).chain([at(low.map(|c| c + BOX / 2))]).collect();
+                if values.iter().all(|&v| v >= 0.7) {
+                    return all().collect();
+                }
+                if values.iter().all(|&v| v <= 0.3) {
+                    return Vec::new();
+                }
+            }
+            all().filter(|&key| at(node_of(key)) >= 0.5).collect()
+        })
+        .collect();
+    inside.concat()
+}
+
+/// Nodes within half a cell of a triangle.
+fn near(mesh: &Snapped) -> Vec<u64> {
+    let parts: Vec<Vec<u64>> = mesh
+        .triangles
+        .par_chunks(2048)
+        .map(|triangles| {
+            let mut out = Vec::new();
+            for t in triangles {
+                near_one(&t.map(|v| mesh.vertices[v as usize].map(|c| f64::from(c) / UNIT as f64)), &mut out);
+            }
+            out.sort_unstable();
+            out.dedup();
+            out
+        })
+        .collect();
+    parts.concat()
+}
+
+fn near_one(t: &[[f64; 3]; 3], out: &mut Vec<u64>) {
+    let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
+    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let main = (0..3).max_by(|&i, &j| n[i].abs().total_cmp(&n[j].abs())).expect("three axes");
+    let (iu, iv) = ((main + 1) % 3, (main + 2) % 3);
+    let range = |k: usize| {
+        let (low, high) = t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[k]), h.max(p[k])));
+        ((low - 0.5).ceil(), (high + 0.5).floor())
+    };
+    let [(u0, u1), (v0, v1), (m0, m1)] = [range(iu), range(iv), range(main)];
+    let mut v = v0;
+    while v <= v1 {
+        let mut u = u0;
+        while u <= u1 {
+            // Along the main axis the plane rises by at most one for one: nodes near the triangle are near its plane.
+            let height = if n[main] == 0.0 {
+                None
+            } else {
+                Some(t[0][main] - (n[iu] * (u - t[0][iu]) + n[iv] * (v - t[0][iv])) / n[main])
+            };
+            let (mut m, end) = height.map_or((m0, m1), |h| ((h - 2.0).ceil().max(m0), (h + 2.0).floor().min(m1)));
+            while m <= end {
+                let mut p = [0.0; 3];
+                (p[iu], p[iv], p[main]) = (u, v, m);
+                let off = sub(p, closest(t, p));
+                if dot(off, off) <= 0.25 {
+                    out.push(key_of(p.map(|c| c as usize)));
+                }
+                m += 1.0;
+            }
+            u += 1.0;
+        }
+        v += 1.0;
+    }
+}
+
+/// The point of a triangle that is closest to p. Source: Ericson, Real-time collision detection, section 5.1.5.
+fn closest(t: &[[f64; 3]; 3], p: [f64; 3]) -> [f64; 3] {
+    let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let along = |a: [f64; 3], d: [f64; 3], s: f64| [a[0] + s * d[0], a[1] + s * d[1], a[2] + s * d[2]];
+    let [a, b, c] = *t;
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = sub(p, b);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return along(a, ab, d1 / (d1 - d3));
+    }
+    let cp = sub(p, c);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return along(a, ac, d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        return along(b, sub(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let sum = va + vb + vc;
+    if sum == 0.0 {
+        return a;
+    }
+    along(along(a, ab, vb / sum), ac, vc / sum)
+}
+
+/// Counts edges that the surface crosses between nodes of one colour; with `thicken` blackens one of two white ends,
+/// all as the colours were before. Gives the nodes that became black, ascending.
+fn thin_parts(hits: &Hits, out: &mut Voxels, thin: Thin) -> Vec<u64> {
+    let middle = out.lattice.cells as usize;
+    let mut thick = Vec::new();
+    for (axis, all) in hits.axes.iter().enumerate() {
+        for edge in all.chunk_by(|a, b| a.node() == b.node()) {
+            let low = edge[0].node();
+            let mut high = low;
+            high[axis] += 1;
+            out.losses.crossed += 1;
+            // A surface on the node itself is no loss: the node is black.
+            let between = edge.iter().find(|c| c.place() != Place::OnNode);
+            let (Some(crossing), true) = (between, out.is_black(low) == out.is_black(high)) else { continue };
+            out.losses.lost += 1;
+            if out.is_black(low) || thin == Thin::Keep {
+                continue;
+            }
+            let upper = match crossing.place() {
+                Place::Upper => true,
+                // Distances to the middle, doubled; equal ones mean the lower.
+                Place::Half => (2 * high[axis]).abs_diff(middle) < (2 * low[axis]).abs_diff(middle),
+                _ => false,
+            };
+            thick.push(key_of(if upper { high } else { low }));
+        }
+    }
+    thick.sort_unstable();
+    thick.dedup();
+    thick.iter().for_each(|&key| out.set(node_of(key)));
+    out.losses.thickened = thick.len() as u64;
+    thick
+}
+
+/// Sticks on edges that the surface does not cross. Those at thickened nodes stand for the thin part: both its sides.
+fn membrane(hits: &Hits, voxels: &Voxels, thick: &[u64]) -> Vec<u64> {
+    let crossed: Vec<Vec<u64>> = hits
+        .axes
+        .par_iter()
+        .map(|all| {
+            let mut keys: Vec<u64> = all.iter().map(|c| key_of(c.node())).collect();
+            keys.dedup();
+            keys
+        })
+        .collect();
+    let has = |keys: &[u64], key: u64| keys.binary_search(&key).is_ok();
+    let is_membrane = |node: [u16; 3], direction: u8| {
+        let (node, step) = (node.map(usize::from), STEPS[usize::from(direction)]);
+        let other = [0, 1, 2].map(|k| (node[k] as i32 + step[k]) as usize);
+        let low = if direction % 2 == 0 { node } else { other };
+        !has(&crossed[usize::from(direction / 2)], key_of(low))
+            && !has(&hits.on, key_of(node))
+            && !has(thick, key_of(node))
+    };
+    let all = voxels.sticks().into_par_iter().filter(|&(node, direction)| is_membrane(node, direction));
+    all.map(|(node, direction)| stick_number(node, direction)).collect()
+}
