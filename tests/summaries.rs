@@ -54,6 +54,15 @@ op = "extrude"
 in.hulls = "rings"
 in.footprints = "plain"
 
+[node.grid]
+op = "voxelize"
+in.mesh = "blocks"
+resolution = 48
+
+[node.planes]
+op = "vote-tile"
+in.voxels = "grid"
+
 [node.model]
 op = "write-cityjson"
 in.buildings = "city"

@@ -32,6 +32,7 @@ pub mod triangulate;
 pub mod union;
 pub mod union_area;
 pub mod vertex_grid;
+pub mod wide;
 
 /// A point in the plan, millimetres in the local frame.
 pub type Point = [i32; 2];

@@ -95,7 +95,7 @@ impl Cones {
 pub fn sample(cells: u32, cube: u8, at: [u16; 3]) -> [i64; 4] {
     let n = i64::from(cells);
     let fixed = usize::from(cube / 2);
-    let mut out = [if cube % 2 == 0 { 2 * n } else { -2 * n }; 4];
+    let mut out = [if cube.is_multiple_of(2) { 2 * n } else { -2 * n }; 4];
     for (axis, k) in axes(fixed).into_iter().zip(at) {
         out[axis] = 2 * i64::from(k) + 1 - 2 * n;
     }

@@ -9,7 +9,6 @@
 //! 5 x 5 x 4 nodes give 16,493 cells, 3 x 3 x 2 give 221: half of the source's counts, which also has the mirror.
 //! Source: Andújar et al., section 3.2 and appendix; facets and rays of the cones are other than it says.
 
-use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::OnceLock;
 
@@ -33,7 +32,7 @@ pub struct Dictionary {
     rays: Vec<Ray>,
     /// Which of the cell's facets a ray lies on.
     on: Vec<u16>,
-    find: HashMap<u128, u16, BuildHasherDefault<Mixer>>,
+    find: Find,
 }
 
 /// The 5 x 5 x 4 neighbourhoods: 16,493.
@@ -60,7 +59,7 @@ impl Dictionary {
             ray_starts: vec![0],
             rays: Vec::new(),
             on: Vec::new(),
-            find: HashMap::default(),
+            find: Find::default(),
         };
         let nodes: Vec<[i32; 3]> = (0..out.nodes()).map(|i| out.node(i)).collect();
         let mut cells = enumerate(&nodes);
@@ -214,6 +213,9 @@ fn is_facet(cell: &[Corner], n: usize) -> bool {
     };
     rest.iter().any(|c| [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]].iter().any(|&[i, j, k]| det(c, i, j, k) != 0))
 }
+
+#[allow(clippy::disallowed_types, reason = "asked only for single patterns: its order gets nowhere")]
+type Find = std::collections::HashMap<u128, u16, BuildHasherDefault<Mixer>>;
 
 /// Two words of a pattern into one, the same on every machine.
 #[derive(Default)]

@@ -5,6 +5,7 @@
 //! off by at most 10^-5, and no boundary comes nearer to a sample than 1/16,500: rounding never decides.
 
 use super::cones::{Facet, axes};
+use crate::geom::wide::{self, Work};
 
 /// Samples along each side of a block.
 pub const SIDE: usize = 16;
@@ -54,49 +55,46 @@ impl Facet {
 
 /// Adds `by` (1, or -1 as a u16) to every sample of the span that all half-spaces hold. False where none does.
 pub fn draw(counters: &mut Counters, planes: &[[f32; 4]], span: &Span, by: u16) -> bool {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        #[target_feature(enable = "avx2")]
-        fn wide(counters: &mut Counters, planes: &[[f32; 4]], span: &Span, by: u16) -> bool {
-            draw_by(counters, planes, span, by)
-        }
-        // SAFETY: the processor has AVX2.
-        return unsafe { wide(counters, planes, span, by) };
+    wide::run(Draw { counters, planes, span, by })
+}
+
+struct Draw<'a> {
+    counters: &'a mut Counters,
+    planes: &'a [[f32; 4]],
+    span: &'a Span,
+    by: u16,
+}
+
+impl Work for Draw<'_> {
+    type Out = bool;
+    #[inline(always)]
+    fn work(self) -> bool {
+        draw_by(self)
     }
-    draw_by(counters, planes, span, by)
 }
 
 /// The largest counter and the first place that has it.
 pub fn largest(counters: &Counters) -> (u16, u16) {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        #[target_feature(enable = "avx2")]
-        fn wide(counters: &Counters) -> u16 {
-            largest_by(counters)
-        }
-        // SAFETY: the processor has AVX2.
-        let most = unsafe { wide(counters) };
-        return (most, place(counters, most));
-    }
-    let most = largest_by(counters);
-    (most, place(counters, most))
-}
-
-#[inline(always)]
-fn largest_by(counters: &Counters) -> u16 {
-    let mut most = [0u16; SIDE];
-    for row in counters.as_chunks::<SIDE>().0 {
-        for x in 0..SIDE {
-            most[x] = most[x].max(row[x]);
-        }
-    }
-    most.into_iter().fold(0, u16::max)
-}
-
-fn place(counters: &Counters, most: u16) -> u16 {
+    let most = wide::run(Most(counters));
     let rows = counters.as_chunks::<SIDE>().0;
     let row = rows.iter().position(|row| row.contains(&most)).expect("it is the largest");
-    (row * SIDE + rows[row].iter().position(|&c| c == most).expect("it is there")) as u16
+    (most, (row * SIDE + rows[row].iter().position(|&c| c == most).expect("it is there")) as u16)
+}
+
+struct Most<'a>(&'a Counters);
+
+impl Work for Most<'_> {
+    type Out = u16;
+    #[inline(always)]
+    fn work(self) -> u16 {
+        let mut most = [0u16; SIDE];
+        for row in self.0.as_chunks::<SIDE>().0 {
+            for x in 0..SIDE {
+                most[x] = most[x].max(row[x]);
+            }
+        }
+        most.into_iter().fold(0, u16::max)
+    }
 }
 
 /// `MASKS[first][last + 1]`: all bits at first..=last.
@@ -118,8 +116,16 @@ static MASKS: [[[u16; SIDE]; SIDE + 1]; SIDE + 1] = {
     out
 };
 
+/// Of a number in 0..2^16 that is whole or farther than 1/40,000 below the next whole one: rounds to the last bit of a
+/// number at 2^23. Two additions; a cast would also ask for what is too large and what is no number.
 #[inline(always)]
-fn draw_by(counters: &mut Counters, planes: &[[f32; 4]], span: &Span, by: u16) -> bool {
+fn floor(v: f32) -> i32 {
+    const SHIFT: f32 = 8_388_608.0;
+    ((v - 0.499_975) + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
+}
+
+#[inline(always)]
+fn draw_by(Draw { counters, planes, span, by: add }: Draw) -> bool {
     let [[x0, x1], [y0, y1], [z0, z1]] = *span;
     let lanes: [f32; SIDE] = std::array::from_fn(|y| y as f32);
     let mut any = false;
@@ -152,11 +158,8 @@ fn draw_by(counters: &mut Counters, planes: &[[f32; 4]], span: &Span, by: u16) -
         for y in 0..SIDE {
             let l = if low[y] < 16.0 { low[y] } else { 16.0 };
             let h = if high[y] > -1.0 { high[y] } else { -1.0 };
-            // SAFETY: finite, and between -1 and 34.
-            unsafe {
-                first[y] = (l + 17.0).to_int_unchecked::<i32>() - 16;
-                end[y] = 17 - (17.0 - h).to_int_unchecked::<i32>();
-            }
+            first[y] = floor(l + 17.0) - 16;
+            end[y] = 17 - floor(17.0 - h);
         }
         for y in y0 as usize..=y1 as usize {
             if first[y] < end[y] {
@@ -165,7 +168,7 @@ fn draw_by(counters: &mut Counters, planes: &[[f32; 4]], span: &Span, by: u16) -
                 let row = (z as usize * SIDE + y) * SIDE;
                 let row: &mut [u16; SIDE] = (&mut counters[row..row + SIDE]).try_into().expect("16 counters");
                 for x in 0..SIDE {
-                    row[x] = row[x].wrapping_add(mask[x] & by);
+                    row[x] = row[x].wrapping_add(mask[x] & add);
                 }
             }
         }

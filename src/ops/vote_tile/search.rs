@@ -247,7 +247,7 @@ impl<'a> Search<'a> {
                     if !alive && entry % 2 == 0 {
                         drawn_by(&mut counters, entry, u16::MAX);
                     }
-                    full += entry % 2 & u32::from(alive);
+                    full += (entry % 2) & u32::from(alive);
                     alive
                 });
                 counters

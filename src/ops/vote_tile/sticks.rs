@@ -23,7 +23,7 @@ impl Stick {
     }
     /// Axis along it, and whether it runs down.
     fn axis(&self) -> (usize, i32) {
-        (usize::from(self.direction / 2), if self.direction % 2 == 0 { 1 } else { -1 })
+        (usize::from(self.direction / 2), if self.direction.is_multiple_of(2) { 1 } else { -1 })
     }
     /// A node of its neighbourhood in the grid.
     pub fn node(&self, [u, v, t]: [i32; 3]) -> [i32; 3] {

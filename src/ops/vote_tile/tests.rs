@@ -148,3 +148,22 @@ fn nothing_black_nothing_found() {
     let tiles = vote_tile(&grid(6, |p| p.iter().all(|v| v.abs() < 0.6)), &VoteTile::default(), || Ok(())).unwrap();
     assert_eq!(tiles.left_over.not_a_pattern + tiles.sticks.len() as u32, tiles.given.sticks);
 }
+
+/// The best sampled plane by counting them all: for the tests of small grids.
+fn brute_force(cones: &Cones, cells: u32, alive: &[bool]) -> Option<search::Best> {
+    let side = 2 * cells as u16;
+    let mut best: Option<(u32, u8, [u16; 3], [u16; 3])> = None;
+    for cube in 0..8u8 {
+        for (z, y, x) in (0..side).flat_map(|z| (0..side).flat_map(move |y| (0..side).map(move |x| (z, y, x)))) {
+            let w = cones::sample(cells, cube, [x, y, z]);
+            let votes = (0..alive.len() as u32).filter(|&s| alive[s as usize] && cones.holds(s, &w)).count() as u32;
+            let (block, inner) = ([z / 16, y / 16, x / 16], [z % 16, y % 16, x % 16]);
+            let first = |b: &(u32, u8, [u16; 3], [u16; 3])| (b.1, b.2, b.3) <= (cube, block, inner);
+            if best.is_none_or(|b| votes > b.0 || votes == b.0 && !first(&b)) {
+                best = Some((votes, cube, block, inner));
+            }
+        }
+    }
+    let (votes, cube, block, inner) = best.filter(|b| b.0 > 0)?;
+    Some(search::Best { votes, cube, at: [2, 1, 0].map(|k| 16 * block[k] + inner[k]) })
+}

@@ -12,6 +12,8 @@
 //!         `thin = "thicken"`: of a crossed edge between white nodes the one nearer to the surface becomes black (half way:
 //!         the one nearer to the grid's middle, then the lower).
 //! Errors: no triangles with finite corners. Triangles with a corner that is not finite are rejected and counted.
+//! Facts:  triangles, those with finite corners; flat_triangles, those without an area on the grid (kept: nodes on them are
+//!         black); doubtful, nodes for which six rays do not agree.
 //! Cost:   O(triangles + crossings) and one bit a node; a few microseconds for each node in doubt.
 //! Source: Andújar et al., Computing maximal tiles, section 3; Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside
 //!         segmentation using generalized winding numbers. Snapping, six rays and thickening are ours.
@@ -19,8 +21,6 @@
 
 pub mod crossings;
 mod fill;
-#[cfg(test)]
-mod tests;
 mod winding;
 
 use rayon::prelude::*;
@@ -83,7 +83,7 @@ impl Op for Voxelize {
     type In = In;
     type Out = Voxels;
     const FACTS: &'static [(&'static str, &'static str)] = &[
-        ("read", "triangles of the mesh"),
+        ("triangles", "triangles of the mesh with finite corners"),
         ("flat_triangles", "triangles without an area on the grid"),
         ("doubtful", "nodes for which six rays do not agree"),
     ];
@@ -100,7 +100,7 @@ impl Op for Voxelize {
             ctx.report
                 .warn("no node is inside: the mesh is thinner than a cell everywhere, a finer `resolution` may see it");
         }
-        ctx.report.fact("read", input.mesh.triangles.len());
+        ctx.report.fact("triangles", snapped.triangles.len());
         ctx.report.fact("flat_triangles", snapped.flat());
         ctx.report.fact("doubtful", doubtful);
         Ok(voxels)
@@ -409,7 +409,7 @@ fn membrane(hits: &Hits, voxels: &Voxels, thick: &[u64]) -> Vec<u64> {
     let is_membrane = |node: [u16; 3], direction: u8| {
         let (node, step) = (node.map(usize::from), STEPS[usize::from(direction)]);
         let other = [0, 1, 2].map(|k| (node[k] as i32 + step[k]) as usize);
-        let low = if direction % 2 == 0 { node } else { other };
+        let low = if direction.is_multiple_of(2) { node } else { other };
         !has(&crossed[usize::from(direction / 2)], key_of(low))
             && !has(&hits.on, key_of(node))
             && !has(thick, key_of(node))
@@ -417,3 +417,6 @@ fn membrane(hits: &Hits, voxels: &Voxels, thick: &[u64]) -> Vec<u64> {
     let all = voxels.sticks().into_par_iter().filter(|&(node, direction)| is_membrane(node, direction));
     all.map(|(node, direction)| stick_number(node, direction)).collect()
 }
+
+#[cfg(test)]
+mod tests;
