@@ -24,6 +24,12 @@ pub trait Op: Serialize + DeserializeOwned + JsonSchema + Default + Send + Sync 
     /// Keys that a run adds to the result's summary ([`Report::fact`]) and what they mean, for the manual.
     const FACTS: &'static [(&'static str, &'static str)] = &[];
 
+    /// Names of further files that a file names (a buffer, a picture), relative to its folder. They become sources
+    /// behind it, and stand in the key. Asked again of each that is found.
+    fn beside(_: &Source) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What one parameter's schema cannot say ("exactly one of"), before anything runs.
     fn check(&self) -> Vec<Mistake> {
         Vec::new()
@@ -48,7 +54,7 @@ pub struct Mistake {
 
 /// Where an operator's work meets the world: files to read, a place for blobs, reports, the wish to stop.
 pub struct Ctx<'a> {
-    /// The files that the parameters marked `x-file` name, in order.
+    /// The files that the parameters marked `x-file` name, in order, each with those [`Op::beside`] it that there are.
     pub sources: &'a [Source],
     pub report: &'a Report,
     pub blobs: &'a dyn Blobs,
@@ -72,18 +78,34 @@ impl Ctx<'_> {
 
 /// A file to read. Operators never see paths: on another machine there may be none.
 pub struct Source {
-    /// The file's name without its folder, for diagnostics and for what a format says by its name.
+    /// The file's name without its folder, for diagnostics and for what a format says by its name; of a file beside
+    /// another the name that this one gives it.
     pub name: String,
+    /// It lies beside the last one before it that does not.
+    pub beside: bool,
     pub bytes: u64,
     pub open: Box<dyn Fn() -> io::Result<Box<dyn Read + Send>> + Send + Sync>,
 }
 
 impl Source {
+    /// A source over a file, or over one beside another that calls it by `name`.
+    pub fn of_file(path: &std::path::Path, name: Option<&str>) -> Self {
+        let own = || path.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
+        let path = path.to_path_buf();
+        Self {
+            name: name.map_or_else(own, str::to_string),
+            beside: name.is_some(),
+            bytes: path.metadata().map_or(0, |m| m.len()),
+            open: Box::new(move || Ok(Box::new(std::fs::File::open(&path)?))),
+        }
+    }
+
     /// A source over bytes in memory.
     pub fn of_bytes(name: &str, bytes: Vec<u8>) -> Self {
         let bytes: Arc<[u8]> = bytes.into();
         Self {
             name: name.to_string(),
+            beside: false,
             bytes: bytes.len() as u64,
             open: Box::new(move || Ok(Box::new(io::Cursor::new(bytes.clone())))),
         }
@@ -287,6 +309,7 @@ pub struct Entry {
     /// Keys that it adds to the summary of its result.
     pub facts: &'static [(&'static str, &'static str)],
     pub schema: fn() -> Value,
+    pub beside: fn(&Source) -> Vec<String>,
     /// From parameters that hold to the schema.
     pub build: fn(Value) -> Result<Box<dyn AnyOp>, serde_json::Error>,
 }
@@ -303,6 +326,7 @@ impl Entry {
                 let settings = schemars::generate::SchemaSettings::draft07().with(|s| s.inline_subschemas = true);
                 settings.into_generator().into_root_schema_for::<O>().to_value()
             },
+            beside: O::beside,
             build: |params| Ok(Box::new(serde_json::from_value::<O>(params)?)),
         }
     }

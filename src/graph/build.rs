@@ -151,7 +151,7 @@ fn make(
     let none = Map::new();
     let properties = schema["properties"].as_object().unwrap_or(&none);
     let file_params = marked(properties, "x-file");
-    let (mut files, mut globs) = (Vec::new(), Vec::new());
+    let mut found = files::Found::default();
     let mut params = Map::new();
     let mut meant: Vec<String> = Vec::new();
     for (key, value) in given {
@@ -164,7 +164,7 @@ fn make(
         let so_far = wrong.len();
         let json = Walker { root: schema, operator: entry.name, wrong }.check(property, value, &key.name);
         if wrong.len() == so_far && file_params.contains(&key.name) && !value.is_bad() {
-            files::inputs(&key.name, value, (&mut files, &mut globs), wrong);
+            files::inputs(&key.name, value, entry.beside, &mut found, wrong);
         }
         params.insert(key.name.clone(), json);
     }
@@ -227,9 +227,10 @@ fn make(
         params: op.params(),
         op,
         inputs,
-        files,
+        files: found.files,
+        beside: found.beside,
         file_params,
-        globs,
+        globs: found.globs,
         output: output.map(|(path, folder, _)| (path, folder)),
         fail_on_reject: words.fail_on_reject,
         snapshot: words.snapshot,

@@ -4,13 +4,56 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::diag::{Diagnostic, Diagnostics, Span};
+use crate::op::Source;
 use crate::spec::{Val, folder_of, why};
 
-/// Files of one `x-file` parameter, in order; globs in byte order, their patterns noted.
+/// What a node reads.
+#[derive(Default)]
+pub struct Found {
+    pub files: Vec<PathBuf>,
+    /// Of each file its name beside another.
+    pub beside: Vec<Option<String>>,
+    pub globs: Vec<PathBuf>,
+}
+
+impl Found {
+    /// A file, and those beside it.
+    fn push(&mut self, path: PathBuf, beside: fn(&Source) -> Vec<String>) {
+        let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
+        let mut names: Vec<String> = Vec::new();
+        let mut more = beside(&Source::of_file(&path, None));
+        self.files.push(path);
+        self.beside.push(None);
+        while !more.is_empty() {
+            let mut next = Vec::new();
+            for name in more {
+                if names.len() == MOST_BESIDE || names.contains(&name) {
+                    continue;
+                }
+                let path = folder.join(&name);
+                if path.is_file() {
+                    next.extend(beside(&Source::of_file(&path, Some(&name))));
+                    self.files.push(path);
+                    self.beside.push(Some(name.clone()));
+                } else {
+                    self.globs.push(PathBuf::from(glob::Pattern::escape(&path.to_string_lossy())));
+                }
+                names.push(name);
+            }
+            more = next;
+        }
+    }
+}
+
+/// Files beside one: more are not looked for.
+const MOST_BESIDE: usize = 4096;
+
+/// Files of one `x-file` parameter, in order; globs in byte order, their patterns noted; each with those beside it.
 pub fn inputs(
     name: &str,
     value: &Val,
-    (files, globs): (&mut Vec<PathBuf>, &mut Vec<PathBuf>),
+    beside: fn(&Source) -> Vec<String>,
+    found: &mut Found,
     wrong: &mut Diagnostics,
 ) {
     for value in value.list().unwrap_or(std::slice::from_ref(value)) {
@@ -28,17 +71,17 @@ pub fn inputs(
         }
         match path.metadata() {
             Ok(m) if m.is_dir() => say("missing-file", format!("`{name}`: {shown} is a folder")),
-            Ok(_) => files.push(path),
+            Ok(_) => found.push(path, beside),
             Err(_) if text.contains(['*', '?', '[']) => {
                 let pattern = pattern(&folder, text);
                 match expand(&pattern) {
-                    Ok(found) if found.is_empty() => {
+                    Ok(paths) if paths.is_empty() => {
                         say("missing-file", format!("`{name}`: no file matches {shown}"));
                     }
-                    Ok(found) => files.extend(found),
+                    Ok(paths) => paths.into_iter().for_each(|path| found.push(path, beside)),
                     Err(e) => say("missing-file", format!("`{name}`: {shown}: {e}")),
                 }
-                globs.push(pattern);
+                found.globs.push(pattern);
             }
             Err(e) => say("missing-file", format!("`{name}`: cannot read {shown}: {}", why(&e))),
         }

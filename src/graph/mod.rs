@@ -98,9 +98,12 @@ pub struct Node {
     pub inputs: Vec<Vec<usize>>,
     /// Files that the node reads, in order (globs expanded in byte order).
     pub files: Vec<PathBuf>,
+    /// Of each its name where it lies beside another, as that one gives it ([`Op::beside`](crate::op::Op::beside)).
+    pub beside: Vec<Option<String>>,
     /// Names of the parameters marked `x-file` (kebab-case).
     pub file_params: Vec<String>,
-    /// Patterns of globs among them, absolute: a new file that matches changes the graph ([`expand`]).
+    /// Patterns of globs among them, absolute, and files that were named but not found: a new file that matches
+    /// changes the graph ([`expand`]).
     pub globs: Vec<PathBuf>,
     /// Where a writer publishes: the path below the output folder, and whether it is a folder.
     pub output: Option<(String, bool)>,

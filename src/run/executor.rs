@@ -5,7 +5,6 @@
 //! inside a pool would pick up another whole node and finish that first.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io;
 use std::panic::{self, AssertUnwindSafe};
 use std::path::PathBuf;
@@ -187,7 +186,7 @@ impl Shared {
 
         // (2) The operator.
         let report = Report::default();
-        let sources: Vec<Source> = task.files.iter().map(source).collect();
+        let sources: Vec<Source> = task.files.iter().zip(&node.beside).map(source).collect();
         let ctx = Ctx { sources: &sources, report: &report, blobs: &*self.store, stop: &self.stop };
         let result = catch(|| node.op.run(&ctx, inputs)).unwrap_or_else(Err);
         drop(sources);
@@ -284,13 +283,8 @@ pub fn decode(store: &Store, kind: &str, digest: &Digest) -> Option<Arc<dyn AnyA
     (kind.decode)(&bytes).ok()
 }
 
-fn source(file: &InputFile) -> Source {
-    let path = file.path.clone();
-    Source {
-        name: path.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned()),
-        bytes: file.stamp.size,
-        open: Box::new(move || Ok(Box::new(File::open(&path)?))),
-    }
+fn source((file, beside): (&InputFile, &Option<String>)) -> Source {
+    Source { bytes: file.stamp.size, ..Source::of_file(&file.path, beside.as_deref()) }
 }
 
 /// By its stamp; and where the stamp was too young to tell, by its bytes.

@@ -75,7 +75,11 @@ pub fn walk(node: &Node, inputs: &[Vec<Option<Digest>>], files: &[Digest], sink:
             }
         }
     }
-    for (i, digest) in files.iter().enumerate() {
+    for (i, (digest, beside)) in files.iter().zip(&node.beside).enumerate() {
+        // Which of the names a file stands for: others may be missing.
+        if let Some(name) = beside {
+            sink.put(&format!("beside.{i}"), name);
+        }
         sink.put(&format!("file.{i}"), &digest.to_string());
     }
 }

@@ -209,6 +209,7 @@ impl Yard {
                 op,
                 inputs: if is("toy-read") { vec![] } else { vec![inputs.clone()] },
                 files: if is("toy-read") { vec![self.home.join(path)] } else { vec![] },
+                beside: if is("toy-read") { vec![None] } else { vec![] },
                 file_params: if is("toy-read") { vec!["path".into()] } else { vec![] },
                 globs: vec![],
                 output: is("toy-write").then(|| (path.to_string(), true)),
