@@ -29,7 +29,12 @@ fn run(name: &str, params: Value, path: Option<&Path>, inputs: &[&Any]) -> Any {
     if let Some(path) = path {
         let (name, file) = (path.file_name().unwrap().to_string_lossy().into_owned(), path.to_path_buf());
         let bytes = path.metadata().unwrap().len();
-        bench.sources.push(Source { name, beside: false, bytes, open: Box::new(move || Ok(Box::new(std::fs::File::open(&file)?))) });
+        bench.sources.push(Source {
+            name,
+            beside: false,
+            bytes,
+            open: Box::new(move || Ok(Box::new(std::fs::File::open(&file)?))),
+        });
     }
     let (start, before) = (Instant::now(), cpu());
     // Ports that are left out take nothing.

@@ -99,7 +99,7 @@ crate::columns! {
     /// Looks of a mesh; nothing of it where a mesh has none.
     #[derive(Clone, Debug, Default, PartialEq)]
     pub struct Surface {
-        /// Unit normal of each vertex, or none: flat.
+        /// Unit normal of each vertex, 0, 0, 0 where the source has none; or empty: flat.
         pub normals: Vec<[f32; 3]>,
         /// Place of each vertex in its material's texture, u right, v down, or none.
         pub uvs: Vec<[f32; 2]>,

@@ -49,13 +49,7 @@ impl Found {
 const MOST_BESIDE: usize = 4096;
 
 /// Files of one `x-file` parameter, in order; globs in byte order, their patterns noted; each with those beside it.
-pub fn inputs(
-    name: &str,
-    value: &Val,
-    beside: fn(&Source) -> Vec<String>,
-    found: &mut Found,
-    wrong: &mut Diagnostics,
-) {
+pub fn inputs(name: &str, value: &Val, beside: fn(&Source) -> Vec<String>, found: &mut Found, wrong: &mut Diagnostics) {
     for value in value.list().unwrap_or(std::slice::from_ref(value)) {
         let Some(text) = value.text() else { continue };
         let folder = folder_of(&value.origin);

@@ -6,6 +6,7 @@ pub mod geojson;
 pub mod gltf;
 pub mod json;
 pub mod ledger;
+pub mod mesh;
 pub mod pick;
 pub mod place;
 pub mod reader;

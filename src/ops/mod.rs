@@ -11,6 +11,7 @@ pub mod merge_hulls;
 pub mod read_cityjson;
 pub mod read_geojson;
 pub mod read_lines;
+pub mod read_mesh;
 pub mod simplify_footprints;
 pub mod simplify_polyline;
 pub mod tile;
@@ -34,6 +35,7 @@ static LIST: &[Entry] = &[
     Entry::of::<read_cityjson::ReadCityjson>(),
     Entry::of::<read_geojson::ReadGeojson>(),
     Entry::of::<read_lines::ReadLines>(),
+    Entry::of::<read_mesh::ReadMesh>(),
     Entry::of::<simplify_footprints::SimplifyFootprints>(),
     Entry::of::<simplify_polyline::SimplifyPolyline>(),
     Entry::of::<tile::Tile>(),

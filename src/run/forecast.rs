@@ -109,7 +109,9 @@ impl Reason {
             "op" => plain("operator", "op"),
             "op-version" => plain("version", "operator version"),
             name => {
-                if let Some(n) = name.strip_prefix("file.").or(name.strip_prefix("beside.")).and_then(|n| n.parse::<usize>().ok()) {
+                if let Some(n) =
+                    name.strip_prefix("file.").or(name.strip_prefix("beside.")).and_then(|n| n.parse::<usize>().ok())
+                {
                     let path = node.files.get(n).map_or_else(|| name.to_string(), |p| p.display().to_string());
                     return plain("file", &path);
                 }

@@ -1,0 +1,309 @@
+//! Numbers out of glTF's buffers: every bound is looked at before anything is taken.
+
+use std::borrow::Cow;
+use std::cell::OnceCell;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::{Files, MOST};
+use crate::diag::{Diagnostic, Result};
+
+#[derive(Deserialize, Default)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Accessor {
+    buffer_view: Option<usize>,
+    byte_offset: u64,
+    component_type: u32,
+    normalized: bool,
+    pub count: u64,
+    r#type: String,
+    sparse: Option<Sparse>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Sparse {
+    count: u64,
+    indices: Part,
+    values: Part,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Part {
+    buffer_view: usize,
+    #[serde(default)]
+    byte_offset: u64,
+    #[serde(default)]
+    component_type: u32,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(default, rename_all = "camelCase")]
+pub struct View {
+    buffer: usize,
+    byte_offset: u64,
+    byte_length: u64,
+    byte_stride: Option<u64>,
+    extensions: Value,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Buffer {
+    pub uri: Option<String>,
+    byte_length: u64,
+}
+
+impl Accessor {
+    pub fn has_view(&self) -> bool {
+        self.buffer_view.is_some()
+    }
+}
+
+/// Buffers with what lies in them.
+pub struct Data<'a> {
+    pub files: &'a Files<'a>,
+    pub accessors: &'a [Accessor],
+    pub views: &'a [View],
+    pub buffers: &'a [Buffer],
+    /// The binary chunk of a GLB.
+    pub chunk: Option<&'a [u8]>,
+    pub read: Vec<OnceCell<Cow<'a, [u8]>>>,
+}
+
+const COMPRESSED: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+
+impl<'a> Data<'a> {
+    fn wrong(&self, what: impl std::fmt::Display) -> Box<Diagnostic> {
+        self.files.broken(what)
+    }
+
+    fn buffer(&self, i: usize) -> Result<&[u8]> {
+        let (Some(buffer), Some(cell)) = (self.buffers.get(i), self.read.get(i)) else {
+            return Err(self.wrong(format!("there is no buffer {i}")));
+        };
+        if let Some(bytes) = cell.get() {
+            return Ok(bytes);
+        }
+        let bytes: Cow<[u8]> = match &buffer.uri {
+            None if i == 0 && self.chunk.is_some() => Cow::Borrowed(self.chunk.expect("looked at")),
+            None => return Err(self.wrong(format!("buffer {i} has no data"))),
+            Some(uri) => Cow::Owned(fetch(self.files, uri)?),
+        };
+        if (bytes.len() as u64) < buffer.byte_length {
+            let what = format!("buffer {i} ends early: {} bytes of {}", bytes.len(), buffer.byte_length);
+            return Err(self.wrong(what).help("the file was cut off; fetch it again"));
+        }
+        Ok(cell.get_or_init(|| bytes))
+    }
+
+    /// Bytes of a buffer view.
+    pub fn view(&self, i: usize) -> Result<&[u8]> {
+        let view = self.views.get(i).ok_or_else(|| self.wrong(format!("there is no buffer view {i}")))?;
+        if let Some(name) = COMPRESSED.iter().find(|n| view.extensions.get(**n).is_some()) {
+            // Beside it there may be a plain copy.
+            return self.plain(i, view).map_err(|_| {
+                self.wrong(format!("its buffers are compressed by {name}, which is not read"))
+                    .help("`gltfpack -noq -i IN.glb -o OUT.glb` undoes it")
+            });
+        }
+        self.plain(i, view)
+    }
+
+    fn plain(&self, i: usize, view: &View) -> Result<&[u8]> {
+        let bytes = self.buffer(view.buffer)?;
+        let end = view.byte_offset.checked_add(view.byte_length).filter(|&e| e <= bytes.len() as u64);
+        let end = end.ok_or_else(|| self.wrong(format!("buffer view {i} goes beyond its buffer")))?;
+        Ok(&bytes[view.byte_offset as usize..end as usize])
+    }
+
+    /// Numbers of an accessor, and how many each element has.
+    pub fn values(&self, i: usize) -> Result<(usize, Vec<f64>)> {
+        let a = self.accessors.get(i).ok_or_else(|| self.wrong(format!("there is no accessor {i}")))?;
+        let width = match &*a.r#type {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" | "MAT2" => 4,
+            "MAT3" => 9,
+            "MAT4" => 16,
+            other => return Err(self.wrong(format!("accessor {i}: `{}` is no type", other.escape_debug()))),
+        };
+        if a.count > MOST {
+            return Err(
+                self.wrong(format!("accessor {i}: {} elements are more than the {MOST} that are read", a.count))
+            );
+        }
+        let n = a.count as usize;
+        let mut out = match a.buffer_view {
+            Some(view) => {
+                let stride = self.views.get(view).and_then(|v| v.byte_stride);
+                self.numbers(i, view, a.byte_offset, stride, n, (a.component_type, a.normalized, width))?
+            }
+            // Zeros; there is no reason for many.
+            None if a.count > 1 << 22 => return Err(self.wrong(format!("accessor {i}: {n} elements without data"))),
+            None => vec![0.0; n * width],
+        };
+        if let Some(s) = &a.sparse {
+            if s.count > a.count {
+                return Err(self.wrong(format!("accessor {i}: more sparse values than elements")));
+            }
+            let (count, at, of) = (s.count as usize, &s.indices, &s.values);
+            let kind = (at.component_type, false, 1);
+            let places = self.numbers(i, at.buffer_view, at.byte_offset, None, count, kind)?;
+            let kind = (a.component_type, a.normalized, width);
+            let values = self.numbers(i, of.buffer_view, of.byte_offset, None, count, kind)?;
+            for (place, value) in places.iter().zip(values.chunks_exact(width)) {
+                let place = *place as usize;
+                if place >= n {
+                    return Err(self.wrong(format!("accessor {i}: sparse index {place} of {n} elements")));
+                }
+                out[place * width..][..width].copy_from_slice(value);
+            }
+        }
+        Ok((width, out))
+    }
+
+    fn numbers(
+        &self,
+        i: usize,
+        view: usize,
+        offset: u64,
+        stride: Option<u64>,
+        n: usize,
+        (kind, normalized, width): (u32, bool, usize),
+    ) -> Result<Vec<f64>> {
+        let (size, most) = match kind {
+            5120 => (1, 127.0),
+            5121 => (1, 255.0),
+            5122 => (2, 32767.0),
+            5123 => (2, 65535.0),
+            5125 => (4, 4_294_967_295.0),
+            5126 => (4, 1.0),
+            other => return Err(self.wrong(format!("accessor {i}: {other} is no component type"))),
+        };
+        // Columns of matrices begin at multiples of four bytes.
+        let rows = match width {
+            9 => 3,
+            16 => 4,
+            _ => width,
+        };
+        let column = if rows < width { (rows * size).next_multiple_of(4) } else { rows * size };
+        let element = column * width / rows;
+        let stride = stride.unwrap_or(element as u64);
+        let bytes = self.view(view)?;
+        let end = (n as u64)
+            .checked_sub(1)
+            .map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(element as u64)?.checked_add(offset));
+        if stride < element as u64 || end.is_none_or(|e| e > bytes.len() as u64) {
+            let what = format!("accessor {i}: {n} elements go beyond buffer view {view}");
+            return Err(self.wrong(what).help("the file was cut off, or its writer has a bug"));
+        }
+        let scale = |v: f64| if normalized { (v / most).max(-1.0) } else { v };
+        let mut out = Vec::with_capacity(n * width);
+        for e in 0..n {
+            let at = &bytes[(offset + e as u64 * stride) as usize..][..element];
+            for c in 0..width {
+                let b = &at[c / rows * column + c % rows * size..][..size];
+                out.push(match kind {
+                    5120 => scale(f64::from(b[0] as i8)),
+                    5121 => scale(f64::from(b[0])),
+                    5122 => scale(f64::from(i16::from_le_bytes([b[0], b[1]]))),
+                    5123 => scale(f64::from(u16::from_le_bytes([b[0], b[1]]))),
+                    5125 => scale(f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]]))),
+                    _ => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+                });
+            }
+        }
+        Ok(out)
+    }
+
+    /// Rows of an accessor that has this many numbers an element.
+    pub fn rows<const N: usize>(&self, i: usize, what: &str) -> Result<Vec<[f64; N]>> {
+        let (width, all) = self.values(i)?;
+        if width != N {
+            return Err(self.wrong(format!("accessor {i}: {what} of {width} numbers")));
+        }
+        Ok(all.as_chunks().0.to_vec())
+    }
+}
+
+/// Bytes of a `data:` address or of a file beside.
+pub fn fetch(files: &Files, uri: &str) -> Result<Vec<u8>> {
+    if let Some(rest) = uri.strip_prefix("data:") {
+        let (head, body) = rest.split_once(',').unwrap_or(("", rest));
+        return match head.ends_with(";base64") {
+            true => base64(body).ok_or_else(|| files.broken("data in its text is no base64")),
+            false => Ok(percent(body)),
+        };
+    }
+    let name = file_name(uri);
+    (files.beside)(&name).unwrap_or_else(|| {
+        let shown: String = name.chars().take(80).collect();
+        let d = files.broken(format!("`{}`, which it names, is not there", shown.escape_debug()));
+        Err(if uri.contains("://") { d.help("put it beside the file: nothing is fetched") } else { d })
+    })
+}
+
+/// The name of the file that an address means.
+pub fn file_name(uri: &str) -> String {
+    String::from_utf8_lossy(&percent(uri)).into_owned()
+}
+
+fn percent(text: &str) -> Vec<u8> {
+    let bytes = text.as_bytes();
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut i = 0;
+    while i < bytes.len() {
+        let hex = |b: u8| (b as char).to_digit(16);
+        if bytes[i] == b'%'
+            && let (Some(&a), Some(&b)) = (bytes.get(i + 1), bytes.get(i + 2))
+            && let (Some(a), Some(b)) = (hex(a), hex(b))
+        {
+            out.push((a * 16 + b) as u8);
+            i += 3;
+        } else {
+            out.push(bytes[i]);
+            i += 1;
+        }
+    }
+    out
+}
+
+fn base64(text: &str) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(text.len() / 4 * 3);
+    let (mut bits, mut held) = (0u32, 0);
+    for b in text.bytes().filter(|b| !b.is_ascii_whitespace()) {
+        let v = match b {
+            b'A'..=b'Z' => b - b'A',
+            b'a'..=b'z' => b - b'a' + 26,
+            b'0'..=b'9' => b - b'0' + 52,
+            b'+' | b'-' => 62,
+            b'/' | b'_' => 63,
+            b'=' => break,
+            _ => return None,
+        };
+        (bits, held) = (bits << 6 | u32::from(v), held + 6);
+        if held >= 8 {
+            held -= 8;
+            out.push((bits >> held) as u8);
+            bits &= (1 << held) - 1;
+        }
+    }
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses() {
+        assert_eq!(file_name("a%20b/%C3%A9%zz.bin"), "a b/é%zz.bin");
+        assert_eq!(base64("aGVsbG8="), Some(b"hello".to_vec()));
+        assert_eq!(base64("aGVsbG8h"), Some(b"hello!".to_vec()));
+        assert_eq!(base64("aGV*"), None);
+    }
+}
