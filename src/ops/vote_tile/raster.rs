@@ -164,12 +164,12 @@ fn draw_by(Draw { counters, planes, span, by: add }: Draw) -> bool {
         for y in y0 as usize..=y1 as usize {
             if first[y] < end[y] {
                 any = true;
-                let mask = &MASKS[first[y] as usize][end[y] as usize];
+                let mask = MASKS[first[y] as usize][end[y] as usize];
                 let row = (z as usize * SIDE + y) * SIDE;
                 let row: &mut [u16; SIDE] = (&mut counters[row..row + SIDE]).try_into().expect("16 counters");
-                for x in 0..SIDE {
-                    row[x] = row[x].wrapping_add(mask[x] & add);
-                }
+                // Read whole, then written whole: nobody has to know that the two do not overlap.
+                let old = *row;
+                *row = std::array::from_fn(|x| old[x].wrapping_add(mask[x] & add));
             }
         }
     }
