@@ -399,3 +399,28 @@ fn ctrl_c_is_130_and_what_is_finished_is_kept() {
     let (code, plan) = told(&place, &["plan", "p.toml"]);
     assert_eq!((code, &plan["nodes"][0]["status"]), (0, &json!("cached")));
 }
+
+/// A material library that is missing, comes, changes and goes is noticed by a rerun that reads nothing else.
+#[test]
+fn files_beside_a_file_are_inputs() {
+    let place = Place::new();
+    place.write("p.toml", "[node.mesh]\nop = \"read-mesh\"\npath = \"in/a.obj\"\n");
+    place.write("in/a.obj", "mtllib m/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n");
+    let run = || {
+        let run = place.lodge_json(&["run", "p.toml"]);
+        let mesh = node(&run, "mesh").clone();
+        (mesh["status"].as_str().unwrap().to_string(), mesh["warnings"].as_array().unwrap().len())
+    };
+    let is = |status: &str, warnings: usize| (status.to_string(), warnings);
+    assert_eq!(run(), is("ran", 1));
+    assert_eq!(run(), is("cached", 1));
+    place.write("in/m/a.mtl", "newmtl red\nKd 1 0 0\n");
+    assert_eq!(run(), is("ran", 0));
+    assert_eq!(run(), is("cached", 0));
+    place.write("in/m/a.mtl", "newmtl red\nKd 0 0 1\n");
+    let (code, why) = told(&place, &["why", "p.toml", "mesh"]);
+    assert!(code == 0 && why.to_string().contains("a.mtl"), "{why}");
+    assert_eq!(run(), is("ran", 0));
+    std::fs::remove_file(place.path("in/m/a.mtl")).unwrap();
+    assert_eq!(run(), is("cached", 1));
+}

@@ -54,6 +54,10 @@ op = "extrude"
 in.hulls = "rings"
 in.footprints = "plain"
 
+[node.statue]
+op = "read-mesh"
+path = "odd.obj"
+
 [node.grid]
 op = "voxelize"
 in.mesh = "blocks"
@@ -135,6 +139,9 @@ fn odd_geojson() -> String {
     format!("{{\"type\":\"FeatureCollection\",\"features\":[\n{}\n]}}", all.join(",\n"))
 }
 
+/// A painted face, a line, and a face of corners that are not.
+const ODD_OBJ: &str = "mtllib odd.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nf 1 2 9\nl 1 2\n";
+
 /// Operator and summary of every node of a run.
 fn summaries(place: &Place, pipeline: &str) -> Vec<(String, String, Map<String, Value>)> {
     let run = place.lodge_json(&["run", pipeline]);
@@ -148,6 +155,9 @@ fn every_key_is_in_the_manual_and_every_key_of_the_manual_is_said() {
     let place = Place::new();
     place.write("odd.city.json", odd_city());
     place.write("odd.geojson", odd_geojson());
+    place.write("odd.obj", ODD_OBJ);
+    place.write("odd.mtl", "newmtl a\nmap_Kd odd.png\n");
+    place.write("odd.png", b"\x89PNG\r\n\x1a\n");
     let mut pipelines = vec![place.write("others.toml", OTHERS)];
     let shipped = std::fs::read_dir(project().join("pipelines")).unwrap().map(|e| e.unwrap().path());
     pipelines.extend(shipped.filter(|p| p.extension().is_some_and(|e| e == "toml")));

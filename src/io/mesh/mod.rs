@@ -2,6 +2,7 @@
 
 mod accessor;
 mod gltf;
+mod mtl;
 mod obj;
 mod ply;
 mod polygon;
@@ -81,7 +82,7 @@ fn format(bytes: &[u8]) -> Option<Format> {
 pub fn beside(name: &str, read: &mut dyn std::io::BufRead) -> Vec<String> {
     let ends = |end: &str| name.len() >= end.len() && name[name.len() - end.len()..].eq_ignore_ascii_case(end);
     let names = if ends(".mtl") {
-        obj::pictures(name, read)
+        mtl::pictures(name, read)
     } else if read.fill_buf().is_ok_and(|head| head.starts_with(b"glTF") || head.trim_ascii_start().starts_with(b"{")) {
         gltf::beside(read)
     } else if read.fill_buf().is_ok_and(|head| head.starts_with(b"ply")) {

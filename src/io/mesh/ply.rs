@@ -5,7 +5,8 @@
 
 use std::io::{BufRead, Read};
 
-use super::obj::{picture, unit};
+use super::mtl::picture;
+use super::obj::unit;
 use super::polygon::Faces;
 use super::{Draft, Files, MOST, linear};
 use crate::artifact::mesh::{Material, Texture, Wrap};
@@ -308,7 +309,7 @@ pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()>
     }
     // Faces may come before the vertices.
     for (row, is_strip, all) in strips {
-        let index = |v: f64| if v >= 0.0 && v < 4e9 { v as u64 } else { u64::MAX };
+        let index = |v: f64| if (0.0..4e9).contains(&v) { v as u64 } else { u64::MAX };
         let place = || format!("face {row}");
         if draft.triangles.len() as u64 > MOST {
             return Err(files.broken(format!("more than the {MOST} triangles that are read")));

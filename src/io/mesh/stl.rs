@@ -83,7 +83,9 @@ fn text(files: &Files, corners: &mut Vec<[f64; 3]>, solids: &mut Vec<(String, us
                 solids.push((if name.is_empty() { "mesh".into() } else { name.to_string() }, corners.len() / 3));
                 ended = false;
             }
-            Some("endfacet") if corners.len() % 3 != 0 => return Err(wrong("a facet that has not three corners")),
+            Some("endfacet") if !corners.len().is_multiple_of(3) => {
+                return Err(wrong("a facet that has not three corners"));
+            }
             Some("endsolid") => ended = true,
             None | Some("facet" | "outer" | "endloop" | "endfacet") => {}
             Some(other) if n == 0 || corners.is_empty() => {
@@ -98,7 +100,7 @@ fn text(files: &Files, corners: &mut Vec<[f64; 3]>, solids: &mut Vec<(String, us
             }
         }
     }
-    if !ended || corners.len() % 3 != 0 {
+    if !ended || !corners.len().is_multiple_of(3) {
         return Err(files.broken("the file ends before its `endsolid`").help("the file was cut off; fetch it again"));
     }
     Ok(())
