@@ -9,7 +9,7 @@ use super::engine::{self, Place};
 use super::{Globals, Outcome, Stop, Target};
 use crate::artifact::{AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Landmarks, Lines, Mesh};
 use crate::diag::{Diagnostic, Note, Result};
-use crate::io::{cityjson, csv, geojson, gltf, svg};
+use crate::io::{cityjson, csv, geojson, gltf, svg, views};
 use crate::run::executor::decode;
 use crate::run::record::Record;
 use crate::run::store::Store;
@@ -57,6 +57,7 @@ formats! {
     Lines ".geojson" geojson::lines,
     Lines ".svg" svg::lines,
     Mesh ".glb" gltf::mesh,
+    Mesh ".png" views::sheet,
 }
 
 impl Args {

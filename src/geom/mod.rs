@@ -23,6 +23,7 @@ pub mod outer_hull;
 pub mod outline;
 pub mod overlaps;
 pub mod predicates;
+pub mod raster;
 pub mod repair;
 pub mod ring;
 pub mod segment_grid;

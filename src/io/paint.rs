@@ -1,0 +1,113 @@
+//! What a mesh's surface looks like: base colour and alpha at a place of a triangle.
+
+use crate::artifact::Mesh;
+use crate::artifact::mesh::{Alpha, Material};
+
+use super::picture::Picture;
+
+/// Pictures unpacked, materials at hand.
+pub struct Paint<'a> {
+    mesh: &'a Mesh,
+    /// None where one cannot be read.
+    pictures: Vec<Option<Picture>>,
+    /// Material of each triangle.
+    materials: Vec<u32>,
+    plain: Material,
+    /// Why pictures cannot be read.
+    pub faults: Vec<String>,
+}
+
+impl<'a> Paint<'a> {
+    pub fn new(mesh: &'a Mesh) -> Self {
+        use rayon::prelude::*;
+        let images = &mesh.surface.images;
+        let read: Vec<Result<Picture, String>> =
+            (0..images.len()).into_par_iter().map(|i| Picture::decode(images.image(i))).collect();
+        let faults = read.iter().enumerate().filter_map(|(i, r)| Some(format!("image {i} {}", r.as_ref().err()?)));
+        let faults = faults.collect();
+        let mut materials = vec![u32::MAX; mesh.triangles.len()];
+        for p in &mesh.primitives {
+            let first = p.first_triangle as usize;
+            materials[first..first + p.triangles as usize].fill(p.material.unwrap_or(u32::MAX));
+        }
+        // Nothing says that the backs of bare meshes are not seen.
+        let plain = Material { double_sided: true, ..Material::default() };
+        Self { mesh, pictures: read.into_iter().map(Result::ok).collect(), materials, plain, faults }
+    }
+
+    pub fn material(&self, triangle: usize) -> &Material {
+        self.mesh.surface.materials.get(self.materials[triangle] as usize).unwrap_or(&self.plain)
+    }
+
+    /// Which copy of its picture a triangle needs that covers this many pixels.
+    pub fn level(&self, triangle: usize, pixels: f64) -> usize {
+        let Some(texture) = self.material(triangle).texture else { return 0 };
+        let Some(Some(picture)) = self.pictures.get(texture.image as usize) else { return 0 };
+        let Some([a, b, c]) = self.places(triangle) else { return 0 };
+        let size = [picture.levels[0].width, picture.levels[0].height].map(f64::from);
+        let side = |p: [f32; 2], k: usize| f64::from(p[k]) - f64::from(a[k]);
+        let doubled = (side(b, 0) * side(c, 1) - side(b, 1) * side(c, 0)).abs();
+        let ratio = doubled / 2.0 * size[0] * size[1] / pixels.max(1e-9);
+        // Four texels a pixel are one copy on.
+        if ratio >= 1.0 && ratio < 1e18 { (ratio as u64).ilog2() as usize / 2 } else { 0 }
+    }
+
+    fn places(&self, triangle: usize) -> Option<[[f32; 2]; 3]> {
+        let uvs = &self.mesh.surface.uvs;
+        if uvs.is_empty() { None } else { Some(self.mesh.triangles[triangle].map(|v| uvs[v as usize])) }
+    }
+
+    /// Light and alpha where the corners have these weights; none where nothing is drawn. What is drawn is whole: alpha
+    /// decides, at one half where it would be mixed.
+    pub fn at(&self, triangle: usize, weights: [f64; 3], level: usize) -> Option<[f32; 3]> {
+        let material = self.material(triangle);
+        let corners = self.mesh.triangles[triangle].map(|v| v as usize);
+        let mut out = material.base_colour;
+        let w = weights.map(|w| w as f32);
+        let colours = &self.mesh.surface.colours;
+        if !colours.is_empty() {
+            for k in 0..4 {
+                out[k] *= (0..3).map(|c| w[c] * colours[corners[c]][k]).sum::<f32>();
+            }
+        }
+        if let Some(texture) = material.texture
+            && let Some(Some(picture)) = self.pictures.get(texture.image as usize)
+            && let Some(places) = self.places(triangle)
+        {
+            let uv = [0, 1].map(|k| (0..3).map(|c| w[c] * places[c][k]).sum::<f32>());
+            let texel = picture.at(uv, texture.wrap, texture.nearest, level);
+            (0..4).for_each(|k| out[k] *= texel[k]);
+        }
+        let drawn = match material.alpha {
+            Alpha::Opaque => true,
+            Alpha::Mask(cutoff) => out[3] >= cutoff,
+            Alpha::Blend => out[3] >= 0.5,
+        };
+        drawn.then_some([out[0], out[1], out[2]])
+    }
+
+    /// The unit normal of a triangle, as its corners turn; 0, 0, 0 where it has no area.
+    pub fn face_normal(&self, triangle: usize) -> [f64; 3] {
+        let [a, b, c] = self.mesh.triangles[triangle].map(|v| self.mesh.positions[v as usize]);
+        let sub = |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|k| p[k] - q[k]);
+        let (u, v) = (sub(b, a), sub(c, a));
+        unit([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+    }
+
+    /// The smooth normal at a place; the face's where vertices have none.
+    pub fn normal(&self, triangle: usize, weights: [f64; 3]) -> [f64; 3] {
+        let normals = &self.mesh.surface.normals;
+        let corners = self.mesh.triangles[triangle].map(|v| v as usize);
+        if normals.is_empty() || corners.iter().any(|&c| normals[c] == [0.0; 3]) {
+            return self.face_normal(triangle);
+        }
+        let sum = [0, 1, 2].map(|k| (0..3).map(|c| weights[c] * f64::from(normals[corners[c]][k])).sum());
+        let smooth = unit(sum);
+        if smooth == [0.0; 3] { self.face_normal(triangle) } else { smooth }
+    }
+}
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    if length.is_normal() { v.map(|c| c / length) } else { [0.0; 3] }
+}

@@ -1,0 +1,232 @@
+//! Pictures of a mesh from 14 sides: six axes, eight corners; parallel light rays, base colours only.
+//!
+//! 512 x 512 pixels around the sphere of the mesh's box, one sample a pixel, no smoothing: what is compared must be drawn
+//! by one rule. Backs are left out where the material says so. A contact sheet is shaded, so that bare meshes show.
+
+use rayon::prelude::*;
+
+use super::paint::Paint;
+use super::picture::{Level, linear, screen};
+use crate::artifact::Mesh;
+use crate::diag::{Diagnostic, Result};
+use crate::geom::raster::{self, PARTS};
+
+/// Pixels along each side.
+pub const SIDE: u32 = 512;
+
+/// A camera without perspective: rows are right, up, and towards the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    pub axes: [[f64; 3]; 3],
+    /// What is in the middle of the picture, and half of its width.
+    pub middle: [f64; 3],
+    pub half: f64,
+}
+
+/// What one camera sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// Light of each pixel, rows from the top; none where nothing is.
+    pub pixels: Vec<Option<[f32; 3]>>,
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// The 14 cameras: +x, -x, +y, -y, +z, -z, then the corners, x first; z is up, y from above and below.
+pub fn cameras(mesh: &Mesh) -> [View; 14] {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for p in &mesh.positions {
+        for k in 0..3 {
+            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
+        }
+    }
+    let middle = [0, 1, 2].map(|k| if low[k] <= high[k] { (low[k] + high[k]) / 2.0 } else { 0.0 });
+    let far = |p: &[f64; 3]| {
+        let d = [0, 1, 2].map(|k| p[k] - middle[k]);
+        dot(d, d)
+    };
+    let radius = mesh.positions.iter().map(far).fold(0.0, f64::max).sqrt();
+    let half = if radius > 0.0 { 1.02 * radius } else { 1.0 };
+    std::array::from_fn(|i| {
+        let eye: [f64; 3] = match i {
+            0..6 => std::array::from_fn(|k| if k == i / 2 { 1.0 - 2.0 * (i % 2) as f64 } else { 0.0 }),
+            _ => std::array::from_fn(|k| if (i - 6) >> k & 1 == 0 { 1.0 } else { -1.0 }),
+        };
+        let up = if i / 2 == 2 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
+        View { axes: axes(eye, up), middle, half }
+    })
+}
+
+/// Right, up and towards the eye, of length one.
+fn axes(eye: [f64; 3], up: [f64; 3]) -> [[f64; 3]; 3] {
+    let unit = |v: [f64; 3]| v.map(|c| c / dot(v, v).sqrt());
+    let cross =
+        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let eye = unit(eye);
+    let right = unit(cross(up, eye));
+    [right, cross(eye, right), eye]
+}
+
+/// What a camera sees of a mesh. `shaded`: darker where the surface turns away.
+pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
+    let scale = f64::from(SIDE) / 2.0 / view.half;
+    let middle = f64::from(SIDE) / 2.0;
+    // In parts of a pixel, and how near.
+    let place = |p: &[f64; 3]| {
+        let d = [0, 1, 2].map(|k| p[k] - view.middle[k]);
+        let [x, y, z] = view.axes.map(|a| dot(a, d) * scale);
+        let part = |v: f64| (v * PARTS as f64).round() as i64;
+        ([part(middle + x), part(middle - y)], z)
+    };
+    let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(place).collect();
+    let n = (SIDE * SIDE) as usize;
+    let (mut depth, mut pixels) = (vec![f64::NEG_INFINITY; n], vec![None; n]);
+    for (t, corners) in mesh.triangles.iter().enumerate() {
+        let corners = corners.map(|v| placed[v as usize]);
+        let flat = corners.map(|c| c.0);
+        let area = raster::doubled_area(&flat);
+        // Counter-clockwise from outside is counter-clockwise on the picture: y is down there.
+        if area == 0 || area > 0 && !paint.material(t).double_sided {
+            continue;
+        }
+        let level = paint.level(t, area.abs() as f64 / (2 * PARTS * PARTS) as f64);
+        let shade = if shaded { 0.3 + 0.7 * dot(paint.face_normal(t), view.axes[2]).abs() as f32 } else { 1.0 };
+        raster::cover(&flat, [SIDE; 2], |x, y, w| {
+            let i = (y * SIDE + x) as usize;
+            let z = w[0] * corners[0].1 + w[1] * corners[1].1 + w[2] * corners[2].1;
+            if z > depth[i]
+                && let Some(light) = paint.at(t, w, level)
+            {
+                depth[i] = z;
+                pixels[i] = Some(light.map(|l| l * shade));
+            }
+        });
+    }
+    Seen { pixels }
+}
+
+/// What all 14 cameras see.
+pub fn all(mesh: &Mesh, paint: &Paint, cameras: &[View; 14], shaded: bool) -> Vec<Seen> {
+    cameras.par_iter().map(|view| draw(mesh, paint, view, shaded)).collect()
+}
+
+/// How alike two sets of pictures are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Likeness {
+    /// Pixels that both draw, of those that either draws: the mean over the views.
+    pub silhouette: f64,
+    /// Mean difference of a channel, 0..255 on a screen, where either draws; nothing is black.
+    pub colour: f64,
+}
+
+pub fn likeness(a: &[Seen], b: &[Seen]) -> Likeness {
+    let (mut silhouettes, mut off, mut drawn) = (0.0, 0u64, 0u64);
+    for (a, b) in a.iter().zip(b) {
+        let (mut both, mut either) = (0u64, 0u64);
+        for (p, q) in a.pixels.iter().zip(&b.pixels).filter(|(p, q)| p.is_some() || q.is_some()) {
+            either += 1;
+            both += u64::from(p.is_some() && q.is_some());
+            let (p, q) = (p.unwrap_or_default().map(screen), q.unwrap_or_default().map(screen));
+            off += (0..3).map(|k| u64::from(p[k].abs_diff(q[k]))).sum::<u64>();
+        }
+        silhouettes += if either > 0 { both as f64 / either as f64 } else { 1.0 };
+        drawn += either;
+    }
+    let views = a.len().max(1) as f64;
+    Likeness { silhouette: silhouettes / views, colour: off as f64 / (3 * drawn.max(1)) as f64 }
+}
+
+/// Views a row, and the side of each on the sheet.
+const ROW: u32 = 7;
+const SMALL: u32 = SIDE / 2;
+
+/// A contact sheet: seven views a row, shaded, on light grey; half the size, so that edges are smooth.
+pub fn sheet(mesh: &Mesh) -> Result<Vec<u8>> {
+    let paint = Paint::new(mesh);
+    if let Some(fault) = paint.faults.first() {
+        return Err(Diagnostic::error("bad-picture", fault));
+    }
+    Ok(on_sheet(&[all(mesh, &paint, &cameras(mesh), true)]).png())
+}
+
+/// Sets of views, one below the other for each half.
+pub fn on_sheet(sets: &[Vec<Seen>]) -> Level {
+    let rows = 2 * sets.len() as u32;
+    let (width, height) = (ROW * SMALL, rows * SMALL);
+    let ground = linear()[230];
+    let mut texels = vec![[0; 4]; (width * height) as usize];
+    for (s, set) in sets.iter().enumerate() {
+        for (v, seen) in set.iter().enumerate() {
+            let (column, row) = (v as u32 % ROW, v as u32 / ROW * sets.len() as u32 + s as u32);
+            for (y, x) in (0..SMALL).flat_map(|y| (0..SMALL).map(move |x| (y, x))) {
+                let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
+                    .map(|(dx, dy)| seen.pixels[((2 * y + dy) * SIDE + 2 * x + dx) as usize].unwrap_or([ground; 3]));
+                let [r, g, b] = [0, 1, 2].map(|k| screen(four.iter().map(|p| p[k]).sum::<f32>() / 4.0));
+                texels[((row * SMALL + y) * width + column * SMALL + x) as usize] = [r, g, b, 255];
+            }
+        }
+    }
+    Level { width, height, texels }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::artifact::mesh::{Material, Primitive, Surface};
+    use crate::geom::frame::Frame;
+
+    /// A box with one corner at 0, faces outside, green.
+    fn brick(size: [f64; 3], double_sided: bool) -> Mesh {
+        let positions = (0..8).map(|i| [0, 1, 2].map(|k| if i >> k & 1 == 1 { size[k] } else { 0.0 })).collect();
+        let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let triangles: Vec<[u32; 3]> = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let material = Material { base_colour: [0.0, 1.0, 0.0, 1.0], double_sided, ..Material::default() };
+        Mesh {
+            frame: Frame::local(),
+            positions,
+            primitives: vec![Primitive { name: "mesh".into(), first_triangle: 0, triangles: 12, material: Some(0) }],
+            triangles,
+            features: vec![0; 8],
+            feature_ids: ["a"].into_iter().collect(),
+            attributes: Default::default(),
+            surface: Surface { materials: vec![material], ..Surface::default() },
+        }
+    }
+
+    #[test]
+    fn a_brick_from_all_sides() {
+        let mesh = brick([2.0, 1.0, 0.5], false);
+        let cameras = cameras(&mesh);
+        let all = |mesh: &Mesh| super::all(mesh, &Paint::new(mesh), &cameras, false);
+        let seen = all(&mesh);
+        let pixel = 2.0 * cameras[0].half / f64::from(SIDE);
+        let count = |i: usize| seen[i].pixels.iter().flatten().count() as f64 * pixel * pixel;
+        for (i, area) in [0.5, 0.5, 1.0, 1.0, 2.0, 2.0].into_iter().enumerate() {
+            assert!((count(i) - area).abs() < 0.03, "view {i}: {} of {area}", count(i));
+        }
+        for i in 6..14 {
+            assert!((count(i) - 3.5 / 3f64.sqrt()).abs() < 0.03, "view {i}: {}", count(i));
+        }
+        assert!(seen.iter().all(|s| s.pixels.iter().flatten().all(|&p| p == [0.0, 1.0, 0.0])));
+        // Inside out nothing changes but what is seen of it: the far walls.
+        let mut inside = mesh.clone();
+        inside.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        let other = all(&inside);
+        let like = likeness(&seen, &other);
+        assert_eq!(like, Likeness { silhouette: 1.0, colour: 0.0 });
+        inside.triangles.clear();
+        inside.primitives.clear();
+        let none = all(&inside);
+        assert_eq!(likeness(&seen, &none), Likeness { silhouette: 0.0, colour: 85.0 });
+        assert_eq!(likeness(&none, &none).silhouette, 1.0);
+    }
+
+    #[test]
+    fn the_same_bytes_again() {
+        let mesh = brick([2.0, 1.0, 0.5], true);
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(one.install(|| sheet(&mesh).unwrap()), sheet(&mesh).unwrap());
+    }
+}
