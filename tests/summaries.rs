@@ -67,6 +67,16 @@ resolution = 48
 op = "vote-tile"
 in.voxels = "grid"
 
+[node.quads]
+op = "bake-impostor"
+in.mesh = "blocks"
+in.tiles = "planes"
+
+[node.afar]
+op = "write-glb"
+in.model = "quads"
+path = "afar.glb"
+
 [node.model]
 op = "write-cityjson"
 in.buildings = "city"

@@ -6,6 +6,7 @@ pub mod dendrogram;
 pub mod files;
 pub mod footprints;
 pub mod hulls;
+pub mod impostors;
 pub mod landmarks;
 pub mod lines;
 pub mod mesh;
@@ -31,6 +32,7 @@ pub use dendrogram::Dendrogram;
 pub use files::{Blob, Files};
 pub use footprints::Footprints;
 pub use hulls::Hulls;
+pub use impostors::Impostors;
 pub use landmarks::Landmarks;
 pub use lines::Lines;
 pub use mesh::Mesh;
@@ -137,6 +139,7 @@ pub static KINDS: &[&Kind] = &[
     Files::KIND,
     Footprints::KIND,
     Hulls::KIND,
+    Impostors::KIND,
     Landmarks::KIND,
     Lines::KIND,
     Mesh::KIND,

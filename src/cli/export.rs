@@ -7,7 +7,9 @@ use serde_json::json;
 
 use super::engine::{self, Place};
 use super::{Globals, Outcome, Stop, Target};
-use crate::artifact::{AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Landmarks, Lines, Mesh};
+use crate::artifact::{
+    AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Impostors, Landmarks, Lines, Mesh,
+};
 use crate::diag::{Diagnostic, Note, Result};
 use crate::io::{cityjson, csv, geojson, gltf, svg, views};
 use crate::run::executor::decode;
@@ -53,6 +55,8 @@ formats! {
     Footprints ".svg" svg::footprints,
     Hulls ".geojson" geojson::hulls,
     Hulls ".svg" svg::hulls,
+    Impostors ".glb" gltf::impostors::glb,
+    Impostors ".png" views::impostors,
     Landmarks ".csv" csv::landmarks,
     Lines ".geojson" geojson::lines,
     Lines ".svg" svg::lines,

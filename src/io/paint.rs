@@ -49,7 +49,7 @@ impl<'a> Paint<'a> {
         let doubled = (side(b, 0) * side(c, 1) - side(b, 1) * side(c, 0)).abs();
         let ratio = doubled / 2.0 * size[0] * size[1] / pixels.max(1e-9);
         // Four texels a pixel are one copy on.
-        if ratio >= 1.0 && ratio < 1e18 { (ratio as u64).ilog2() as usize / 2 } else { 0 }
+        if (1.0..1e18).contains(&ratio) { (ratio as u64).ilog2() as usize / 2 } else { 0 }
     }
 
     fn places(&self, triangle: usize) -> Option<[[f32; 2]; 3]> {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::paint::Paint;
 use super::picture::{Level, linear, screen};
-use crate::artifact::Mesh;
+use crate::artifact::{Impostors, Mesh};
 use crate::diag::{Diagnostic, Result};
 use crate::geom::raster::{self, PARTS};
 
@@ -149,6 +149,11 @@ pub fn sheet(mesh: &Mesh) -> Result<Vec<u8>> {
         return Err(Diagnostic::error("bad-picture", fault));
     }
     Ok(on_sheet(&[all(mesh, &paint, &cameras(mesh), true)]).png())
+}
+
+/// The sheet that was made with them: the original over the quads.
+pub fn impostors(of: &Impostors) -> Result<Vec<u8>> {
+    Ok(of.sheet.clone())
 }
 
 /// Sets of views, one below the other for each half.

@@ -2,6 +2,7 @@
 
 use crate::op::{Entry, Registry};
 
+pub mod bake_impostor;
 pub mod cluster;
 pub mod cut;
 pub mod extrude;
@@ -26,6 +27,7 @@ pub mod write_tileset;
 pub static ALL: Registry = Registry(LIST);
 static LIST: &[Entry] = &[
     // One a line, so that additions merge.
+    Entry::of::<bake_impostor::BakeImpostor>(),
     Entry::of::<cluster::Cluster>(),
     Entry::of::<cut::Cut>(),
     Entry::of::<extrude::Extrude>(),

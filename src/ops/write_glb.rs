@@ -1,6 +1,7 @@
-//! Write a mesh as one GLB.
+//! Write a mesh or impostors as one GLB.
 //!
-//! In:     triangles with a feature number on every vertex.
+//! In:     triangles with a feature number on every vertex, or quads with an atlas: these come out unlit, with their
+//!         picture inside, `extras` of the scene say how far off they may be and from where that is below a pixel.
 //! Out:    one file: y up, a primitive and a quiet colour for each part of the mesh, features by EXT_mesh_features,
 //!         their `id` and attributes by EXT_structural_metadata. No normals: vertices stay shared, so what is
 //!         watertight stays so, and viewers shade flat. Positions are f32 around the middle of the mesh in whole
@@ -9,7 +10,7 @@
 //! Source: glTF 2.0 and the two extensions.
 
 use crate::artifact::files::{self, File};
-use crate::artifact::{Files, Mesh};
+use crate::artifact::{Files, Impostors, Mesh};
 use crate::diag::{Diagnostic, Result};
 use crate::io::gltf;
 use crate::op::{Ctx, Op};
@@ -23,9 +24,14 @@ crate::params! {
     }
 }
 
+crate::one_of! {
+    /// What has a model.
+    pub enum Model { Mesh, Impostors }
+}
+
 crate::inputs! {
     /// What to write.
-    model: Mesh,
+    model: Model,
 }
 
 impl Op for WriteGlb {
@@ -35,7 +41,10 @@ impl Op for WriteGlb {
     type Out = Files;
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Files> {
-        let bytes = gltf::mesh(&input.model)?;
+        let bytes = match &input.model {
+            Model::Mesh(mesh) => gltf::mesh(mesh)?,
+            Model::Impostors(quads) => gltf::impostors::glb(quads)?,
+        };
         let blob = ctx.blobs.put(&bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
         Ok(Files { files: vec![File { path: files::below(&self.path, ""), blob, last: false }] })
     }
@@ -63,7 +72,7 @@ mod tests {
         };
         let bench = Bench::default();
         let op = WriteGlb { path: "./a//b.glb".into() };
-        let files = op.run(&bench.ctx(), In { model: Arc::new(mesh) }).unwrap();
+        let files = op.run(&bench.ctx(), In { model: Model::Mesh(Arc::new(mesh)) }).unwrap();
         assert_eq!(files.files.len(), 1);
         assert_eq!(files.files[0].path, "a/b.glb");
         let bytes = &bench.blobs.0.lock().unwrap()[&files.files[0].blob.digest];

@@ -4,6 +4,7 @@
 //!         normals as normalised bytes by KHR_mesh_quantization. The same parts give the same bytes.
 //! Source: glTF 2.0 sections 3.7 and 4.4, the three extensions' pages.
 
+pub mod impostors;
 pub mod table;
 
 use std::borrow::Cow;

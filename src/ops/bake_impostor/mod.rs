@@ -1,0 +1,162 @@
+//! Draw a mesh onto its tiles: quads with a texture that stand for it from afar.
+//!
+//! In:     the mesh, and the planes that vote-tile found for it.
+//! Out:    quads, one or more a tile, in one atlas of colour and coverage (all or nothing). A surface point is drawn where
+//!         a plane within the tiles' reach faces its smooth normal (of a two-sided material either side); of several
+//!         planes by the one that it faces most, then the nearest, then the first; along seams one texel of overlap. What
+//!         is nearest to the eye wins. Each connected piece of a tile gets a rectangle along the plane's axes; pieces are
+//!         joined while their rectangle grows by less than 30 %; below four texels they are dropped. A quad is seen from
+//!         both sides if most of what it shows is (a mesh without materials is). Around each piece colours are bled eight
+//!         texels far. An atlas that would be too large gets fewer texels a cell.
+//! Errors: frames that differ; a picture that cannot be read; no tile, or nothing drawn.
+//! Cost:   O(fragments x tiles); a canvas of the mesh's size for each tile at work.
+//! Source: Andújar et al., Computing maximal tiles and application to impostor-based simplification, section 5. Best
+//!         tiles, pieces, and the report of 14 views and a million surface points are ours.
+//! Tried:  three or five texels of overlap instead of one: the silhouette of a Buddha at 128 no better (0.951 and 0.951
+//!         for 0.954), of a camera by 0.003; quads of two-sided materials culled: 0.77 for 0.95 on a car on a cloth.
+
+mod atlas;
+mod canvas;
+
+use rayon::prelude::*;
+
+use crate::artifact::impostors::Worth;
+use crate::artifact::{Impostors, Mesh, PlaneTiles};
+use crate::diag::{Diagnostic, Result};
+use crate::io::paint::Paint;
+use crate::io::views;
+use crate::op::{Ctx, Op};
+use atlas::{Atlas, pack};
+use canvas::{Canvas, Planes};
+
+crate::params! {
+    /// Quads with a texture that stand for a mesh from afar.
+    pub struct BakeImpostor {
+        /// Texels along the side of a grid cell; fewer if the atlas would be too large.
+        #[schemars(range(min = 0.25, max = 16.0))]
+        pub texels_per_cell: f64 = 2.0,
+        /// Largest side of the atlas.
+        #[schemars(range(min = 64, max = 16384), extend("x-unit" = "px"))]
+        pub max_atlas_px: u32 = 4096,
+    }
+}
+
+crate::inputs! {
+    /// What to draw.
+    mesh: Mesh,
+    /// Planes to draw it on.
+    tiles: PlaneTiles,
+}
+
+impl Op for BakeImpostor {
+    const NAME: &'static str = "bake-impostor";
+    const VERSION: u32 = 1;
+    type In = In;
+    type Out = Impostors;
+
+    fn run(&self, ctx: &Ctx, input: In) -> Result<Impostors> {
+        bake_impostor(&input.mesh, &input.tiles, self, || ctx.check())
+    }
+
+    fn estimate(&self, input_bytes: u64) -> u64 {
+        (200 << 20) + 6 * input_bytes
+    }
+}
+
+/// Densities that are tried one after the other.
+const TRIES: usize = 12;
+/// A pixel of 1080 rows and 60 degrees, seen from a metre: 2 tan 30 / 1080.
+const PIXEL: f64 = 1.154_700_538_379_251_7 / 1080.0;
+
+pub fn bake_impostor(
+    mesh: &Mesh,
+    tiles: &PlaneTiles,
+    how: &BakeImpostor,
+    check: impl Fn() -> Result<()>,
+) -> Result<Impostors> {
+    if mesh.frame != tiles.frame {
+        return Err(Diagnostic::error("other-frame", "mesh and tiles do not lie in the same frame"));
+    }
+    if tiles.is_empty() {
+        let help = "fewer `min-votes`, or a finer `resolution`, find some";
+        return Err(Diagnostic::error("no-tiles", "there are no tiles to draw on").help(help));
+    }
+    let paint = Paint::new(mesh);
+    if let Some(fault) = paint.faults.first() {
+        return Err(Diagnostic::error("bad-picture", fault));
+    }
+    let planes = Planes::new(tiles);
+    // (1) Every tile's canvas and its pieces, in an atlas that fits.
+    let mut density = how.texels_per_cell;
+    let mut found = None;
+    for _ in 0..TRIES {
+        check()?;
+        let draw = |k: usize| Canvas::draw(mesh, &paint, &planes, k, density);
+        let canvases: Vec<Canvas> = (0..planes.len()).into_par_iter().map(draw).collect();
+        let pieces: Vec<(usize, canvas::Piece)> =
+            canvases.iter().enumerate().flat_map(|(k, c)| c.pieces.iter().map(move |p| (k, *p))).collect();
+        if let Some(packed) = pack(&pieces, how.max_atlas_px) {
+            found = Some((canvases, pieces, packed));
+            break;
+        }
+        density *= 0.75;
+    }
+    let Some((canvases, pieces, packed)) = found else {
+        return Err(Diagnostic::error("small-atlas", format!("the quads do not fit into {} px", how.max_atlas_px)));
+    };
+    if pieces.is_empty() {
+        return Err(Diagnostic::error("nothing-drawn", "no tile draws as much as four texels"));
+    }
+
+    // (2) The atlas and the quads.
+    let atlas = Atlas::fill(&canvases, &pieces, &packed);
+    let size = [packed.width, packed.height];
+    let mut out = Impostors {
+        frame: mesh.frame.clone(),
+        corners: Vec::new(),
+        uvs: Vec::new(),
+        normals: Vec::new(),
+        tiles: Vec::new(),
+        two_sided: Vec::new(),
+        colour: atlas.level.png(),
+        sheet: Vec::new(),
+        worth: Worth::default(),
+    };
+    for ((k, piece), place) in pieces.iter().zip(&packed.places) {
+        out.corners.extend(canvases[*k].corners(piece));
+        let [x, y] = *place;
+        let at = |x: u32, y: u32| [x as f32 / size[0] as f32, y as f32 / size[1] as f32];
+        let (right, down) = (x + piece.width(), y + piece.height());
+        out.uvs.extend([at(x, down), at(right, down), at(right, y), at(x, y)]);
+        out.normals.push(planes.normal(*k).map(|c| c as f32));
+        out.tiles.push(*k as u32);
+        out.two_sided.push(2 * piece.two_sided > piece.texels);
+    }
+    check()?;
+
+    // (3) What it is worth.
+    let quads = out.mesh();
+    let cameras = views::cameras(mesh);
+    let quad_paint = Paint::new(&quads);
+    let like =
+        views::likeness(&views::all(mesh, &paint, &cameras, false), &views::all(&quads, &quad_paint, &cameras, false));
+    let bare = mesh.surface.materials.is_empty();
+    let sets = [views::all(mesh, &paint, &cameras, bare), views::all(&quads, &quad_paint, &cameras, bare)];
+    out.sheet = views::on_sheet(&sets).png();
+    let cell = tiles.lattice.cell;
+    out.worth = Worth {
+        error_m: cell,
+        distance_m: cell / PIXEL,
+        texels_per_cell: density,
+        silhouette: like.silhouette,
+        colour_error: like.colour,
+        drawn: canvas::share_drawn(mesh, &paint, &planes, &canvases),
+        atlas: size,
+        filled: atlas.filled,
+        original_triangles: mesh.triangles.len() as u32,
+    };
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests;
