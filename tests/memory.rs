@@ -2,6 +2,8 @@
 //! large enough that the fixed parts do not matter, one thread, one node at a time, its inputs from the cache. A binary
 //! of one test: the allocator counts the whole process. With LODGE_DATA also on pieces of real cities.
 
+#![allow(unsafe_code, reason = "an allocator that counts")]
+
 mod support;
 
 use std::alloc::{GlobalAlloc, Layout, System};
