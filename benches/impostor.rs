@@ -58,7 +58,11 @@ fn main() {
     if wants("winding") {
         let car = read("lamborghini_huracan.glb").expect("checked above");
         let how = Voxelize::default();
-        line("voxelize winding, car 128, 2 threads", measure(2, || pools[1].install(|| voxels(&car, &how))), String::new());
+        line(
+            "voxelize winding, car 128, 2 threads",
+            measure(2, || pools[1].install(|| voxels(&car, &how))),
+            String::new(),
+        );
     }
     let vote = |name: &str, voxels: &Voxels, how: &VoteTile| {
         for (threads, pool) in pools.iter().enumerate() {

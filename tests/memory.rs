@@ -275,6 +275,52 @@ op = "read-lines"
 path = "buildings.geojson.gz"
 "#;
 
+/// A mesh becomes a few textured planes.
+const IMPOSTOR: &str = r#"
+[params]
+mesh = "ring.obj"
+resolution = 128
+
+[node.mesh]
+op = "read-mesh"
+path = "${mesh}"
+
+[node.voxels]
+op = "voxelize"
+in.mesh = "mesh"
+resolution = "${resolution}"
+
+[node.planes]
+op = "vote-tile"
+in.voxels = "voxels"
+
+[node.quads]
+op = "bake-impostor"
+in.mesh = "mesh"
+in.tiles = "planes"
+
+[node.glb]
+op = "write-glb"
+in.model = "quads"
+path = "quads.glb"
+"#;
+
+/// A ring with waves on it, closed, in squares of two triangles.
+fn ring([around, along]: [usize; 2]) -> String {
+    let mut text = String::new();
+    for (i, j) in (0..around).flat_map(|i| (0..along).map(move |j| (i, j))) {
+        let [u, v] = [i as f64 / around as f64, j as f64 / along as f64].map(|t| t * std::f64::consts::TAU);
+        let thick = 0.4 + 0.05 * (5.0 * u).sin() * (3.0 * v).cos();
+        let wide = 1.0 + thick * v.cos();
+        writeln!(text, "v {:.6} {:.6} {:.6}", wide * u.cos(), wide * u.sin(), thick * v.sin()).unwrap();
+    }
+    for (i, j) in (0..around).flat_map(|i| (0..along).map(move |j| (i, j))) {
+        let at = |i: usize, j: usize| i % around * along + j % along + 1;
+        writeln!(text, "f {} {} {} {}", at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)).unwrap();
+    }
+    text
+}
+
 /// Of a real city, whose blocks have many corners.
 const REAL: &str = r#"
 [node.source]
@@ -309,7 +355,21 @@ fn estimates_are_within_a_factor_of_two() {
     all.extend(measure(&place.write("others.toml", OTHERS), &[], &place));
     all.extend(measure(&place.write("sequence.toml", SEQUENCE), &[], &place));
 
+    let impostor = place.write("impostor.toml", IMPOSTOR);
+    place.write("ring.obj", ring([400, 200]));
+    all.extend(measure(&impostor, &[], &place));
+    all.extend(measure(&impostor, &["resolution=192".into()], &Place::new()));
+
     if let Some(data) = support::real_data() {
+        for (file, resolution) in [
+            ("stanford_bunny.ply.gz", 128),
+            ("machine_counter.stl", 128),
+            ("toy_car/ToyCar.gltf", 128),
+            ("lamborghini_huracan.glb", 128),
+        ] {
+            let sets = [set("mesh", data.join("meshes").join(file)), format!("resolution={resolution}")];
+            all.extend(measure(&impostor, &sets, &Place::new()));
+        }
         let city = format!("extends = {:?}\n{REAL}", project().join("pipelines/city.toml"));
         for (name, file) in [
             ("city.toml", "buildings/tokyo_centre.geojson.gz"),

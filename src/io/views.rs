@@ -26,8 +26,8 @@ pub struct View {
 /// What one camera sees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Seen {
-    /// Light of each pixel, rows from the top; none where nothing is.
-    pub pixels: Vec<Option<[f32; 3]>>,
+    /// Each pixel on a screen, rows from the top; all 0 where nothing is, else alpha is 255.
+    pub pixels: Vec<[u8; 4]>,
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -82,7 +82,7 @@ pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
     };
     let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(place).collect();
     let n = (SIDE * SIDE) as usize;
-    let (mut depth, mut pixels) = (vec![f64::NEG_INFINITY; n], vec![None; n]);
+    let (mut depth, mut pixels) = (vec![f64::NEG_INFINITY; n], vec![[0; 4]; n]);
     for (t, corners) in mesh.triangles.iter().enumerate() {
         let corners = corners.map(|v| placed[v as usize]);
         let flat = corners.map(|c| c.0);
@@ -100,7 +100,8 @@ pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
                 && let Some(light) = paint.at(t, w, level)
             {
                 depth[i] = z;
-                pixels[i] = Some(light.map(|l| l * shade));
+                let [r, g, b] = light.map(|l| screen(l * shade));
+                pixels[i] = [r, g, b, 255];
             }
         });
     }
@@ -125,10 +126,9 @@ pub fn likeness(a: &[Seen], b: &[Seen]) -> Likeness {
     let (mut silhouettes, mut off, mut drawn) = (0.0, 0u64, 0u64);
     for (a, b) in a.iter().zip(b) {
         let (mut both, mut either) = (0u64, 0u64);
-        for (p, q) in a.pixels.iter().zip(&b.pixels).filter(|(p, q)| p.is_some() || q.is_some()) {
+        for (p, q) in a.pixels.iter().zip(&b.pixels).filter(|(p, q)| p[3] > 0 || q[3] > 0) {
             either += 1;
-            both += u64::from(p.is_some() && q.is_some());
-            let (p, q) = (p.unwrap_or_default().map(screen), q.unwrap_or_default().map(screen));
+            both += u64::from(p[3] > 0 && q[3] > 0);
             off += (0..3).map(|k| u64::from(p[k].abs_diff(q[k]))).sum::<u64>();
         }
         silhouettes += if either > 0 { both as f64 / either as f64 } else { 1.0 };
@@ -160,14 +160,16 @@ pub fn impostors(of: &Impostors) -> Result<Vec<u8>> {
 pub fn on_sheet(sets: &[Vec<Seen>]) -> Level {
     let rows = 2 * sets.len() as u32;
     let (width, height) = (ROW * SMALL, rows * SMALL);
-    let ground = linear()[230];
+    let light = linear();
+    let ground = light[230];
     let mut texels = vec![[0; 4]; (width * height) as usize];
     for (s, set) in sets.iter().enumerate() {
         for (v, seen) in set.iter().enumerate() {
             let (column, row) = (v as u32 % ROW, v as u32 / ROW * sets.len() as u32 + s as u32);
             for (y, x) in (0..SMALL).flat_map(|y| (0..SMALL).map(move |x| (y, x))) {
                 let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
-                    .map(|(dx, dy)| seen.pixels[((2 * y + dy) * SIDE + 2 * x + dx) as usize].unwrap_or([ground; 3]));
+                    .map(|(dx, dy)| seen.pixels[((2 * y + dy) * SIDE + 2 * x + dx) as usize])
+                    .map(|p| if p[3] > 0 { [0, 1, 2].map(|k| light[usize::from(p[k])]) } else { [ground; 3] });
                 let [r, g, b] = [0, 1, 2].map(|k| screen(four.iter().map(|p| p[k]).sum::<f32>() / 4.0));
                 texels[((row * SMALL + y) * width + column * SMALL + x) as usize] = [r, g, b, 255];
             }
@@ -207,14 +209,14 @@ mod tests {
         let all = |mesh: &Mesh| super::all(mesh, &Paint::new(mesh), &cameras, false);
         let seen = all(&mesh);
         let pixel = 2.0 * cameras[0].half / f64::from(SIDE);
-        let count = |i: usize| seen[i].pixels.iter().flatten().count() as f64 * pixel * pixel;
+        let count = |i: usize| seen[i].pixels.iter().filter(|p| p[3] > 0).count() as f64 * pixel * pixel;
         for (i, area) in [0.5, 0.5, 1.0, 1.0, 2.0, 2.0].into_iter().enumerate() {
             assert!((count(i) - area).abs() < 0.03, "view {i}: {} of {area}", count(i));
         }
         for i in 6..14 {
             assert!((count(i) - 3.5 / 3f64.sqrt()).abs() < 0.03, "view {i}: {}", count(i));
         }
-        assert!(seen.iter().all(|s| s.pixels.iter().flatten().all(|&p| p == [0.0, 1.0, 0.0])));
+        assert!(seen.iter().all(|s| s.pixels.iter().all(|&p| [[0; 4], [0, 255, 0, 255]].contains(&p))));
         // Inside out nothing changes but what is seen of it: the far walls.
         let mut inside = mesh.clone();
         inside.triangles.iter_mut().for_each(|t| t.swap(1, 2));

@@ -71,7 +71,7 @@ impl Op for ReadMesh {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (16 << 20) + if is_packed(&self.path) { 24 * input_bytes } else { 8 * input_bytes }
+        (1 << 20) + if is_packed(&self.path) { 12 * input_bytes } else { 5 * input_bytes }
     }
 }
 

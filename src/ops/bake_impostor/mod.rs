@@ -138,10 +138,12 @@ pub fn bake_impostor(
     let quads = out.mesh();
     let cameras = views::cameras(mesh);
     let quad_paint = Paint::new(&quads);
-    let like =
-        views::likeness(&views::all(mesh, &paint, &cameras, false), &views::all(&quads, &quad_paint, &cameras, false));
-    let bare = mesh.surface.materials.is_empty();
-    let sets = [views::all(mesh, &paint, &cameras, bare), views::all(&quads, &quad_paint, &cameras, bare)];
+    let mut sets = [views::all(mesh, &paint, &cameras, false), views::all(&quads, &quad_paint, &cameras, false)];
+    let like = views::likeness(&sets[0], &sets[1]);
+    if mesh.surface.materials.is_empty() {
+        // Bare surfaces show by their shading.
+        sets = [views::all(mesh, &paint, &cameras, true), views::all(&quads, &quad_paint, &cameras, true)];
+    }
     out.sheet = views::on_sheet(&sets).png();
     let cell = tiles.lattice.cell;
     out.worth = Worth {

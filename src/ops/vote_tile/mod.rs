@@ -87,7 +87,7 @@ impl Op for VoteTile {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (80 << 20) + 40 * input_bytes
+        (4 << 20) + 50 * input_bytes
     }
 }
 

@@ -108,7 +108,7 @@ impl Op for Voxelize {
 
     fn estimate(&self, input_bytes: u64) -> u64 {
         let side = u64::from(self.resolution) + 4;
-        (16 << 20) + 4 * input_bytes + side * side * side / 2
+        (6 << 20) + 3 * input_bytes + side * side * side / 3
     }
 }
 
