@@ -72,6 +72,16 @@ impl<'r> Ledger<'r> {
         self.report.reject(note);
     }
 
+    /// The same, counted but not listed: for inputs of millions of nameless parts.
+    pub fn reject_unlisted(&mut self, cause: &str) {
+        *self.rejected.entry(cause.to_string()).or_default() += 1;
+    }
+
+    /// How many were rejected so far.
+    pub fn rejected(&self) -> u64 {
+        self.rejected.values().sum()
+    }
+
     pub fn repair(&mut self, note: Note) {
         *self.repaired.entry(note.cause.clone()).or_default() += 1;
         self.report.repair(note);

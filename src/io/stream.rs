@@ -59,12 +59,22 @@ pub fn unpacked(mut reader: Box<dyn Read + Send>) -> io::Result<Box<dyn Read + S
 
 /// The whole text of a file, unpacked, without a byte-order mark.
 pub fn whole(name: &str, reader: Box<dyn Read + Send>) -> Result<Vec<u8>> {
-    let mut text = Vec::new();
-    unpacked(reader).and_then(|mut r| r.read_to_end(&mut text)).map_err(|e| unreadable(name, &e))?;
+    let mut text = at_most(name, reader, u64::MAX)?;
     if text.starts_with(BOM) {
         text.drain(..BOM.len());
     }
     Ok(text)
+}
+
+/// The bytes of a file, unpacked; more than that are an error: a few kilobytes of gzip can hold gigabytes.
+pub fn at_most(name: &str, reader: Box<dyn Read + Send>, most: u64) -> Result<Vec<u8>> {
+    let mut out = Vec::new();
+    let read = unpacked(reader).and_then(|r| r.take(most.saturating_add(1)).read_to_end(&mut out));
+    read.map_err(|e| unreadable(name, &e))?;
+    if out.len() as u64 > most {
+        return Err(Diagnostic::error("too-large", format!("`{name}` is larger than the {most} bytes that are read")));
+    }
+    Ok(out)
 }
 
 const BOM: &[u8] = b"\xef\xbb\xbf";

@@ -7,9 +7,10 @@
 //!         Polygons are cut into triangles; points and lines are filtered. Vertices of no triangle are left out, equal
 //!         corners of STL become one. Skinned meshes stand as their joints do, morphed ones have no weights.
 //! Errors: a file that is none of these, ends early, or contradicts itself; Draco, meshopt and KTX2, with a remedy; more
-//!         than 2^26 vertices or triangles; no triangle left, too many rejects. Triangles with an index beyond the
-//!         vertices or a corner that is no finite number are rejected and counted. A library or picture that is not
-//!         there is told, and what it paints is white.
+//!         than 2^26 vertices or corners, or 2^32 bytes; no triangle left, too many rejects. Triangles with an index
+//!         beyond the vertices or a corner that is no finite number are rejected and counted; the first 10,000 are
+//!         listed. A library or picture that is not there is told, and what it paints is white. Files outside the
+//!         file's folder are not read: who made the file must not choose among the reader's.
 //! Facts:  read, accepted, rejected, filtered: triangles (of what is filtered whole points, lines or primitives);
 //!         filtered_by_type, rejected_by_cause, repaired_by_cause.
 //! Cost:   linear; the file and the mesh in memory.
@@ -24,7 +25,7 @@ use crate::diag::{Diagnostic, Result};
 use crate::io::ledger::{self, Ledger, Needed};
 use crate::io::mesh::{self, Files, Up};
 use crate::io::reader::{account, is_packed};
-use crate::io::stream::unpacked;
+use crate::io::stream::{at_most, unpacked};
 use crate::op::{Ctx, Op, Source};
 
 /// Which way is up in the file.
@@ -53,7 +54,7 @@ crate::inputs! {}
 
 impl Op for ReadMesh {
     const NAME: &'static str = "read-mesh";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Mesh;
     const FACTS: &'static [(&'static str, &'static str)] = &FACTS;
@@ -92,18 +93,13 @@ pub fn read_mesh(how: &ReadMesh, ctx: &Ctx, ledger: &mut Ledger) -> Result<Mesh>
         let count = ctx.sources.iter().filter(|s| !s.beside).count();
         return Err(Diagnostic::error("bad-mesh", format!("one file is read at a time, got {count}")).value(&how.path));
     };
-    let unread =
-        |name: &str, e: std::io::Error| Diagnostic::error("unreadable-file", format!("cannot read `{name}`: {e}"));
-    let mut bytes = Vec::new();
-    let mut packed = (source.open)().and_then(unpacked).map_err(|e| unread(&source.name, e))?;
-    packed.read_to_end(&mut bytes).map_err(|e| unread(&source.name, e))?;
-    ctx.check()?;
-    let beside = |name: &str| {
-        let source = ctx.sources.iter().find(|s| s.beside && s.name == name)?;
-        let mut bytes = Vec::new();
-        let done = (source.open)().and_then(|mut r| r.read_to_end(&mut bytes));
-        Some(done.map(|_| bytes).map_err(|e| unread(name, e)))
+    let read = |source: &Source| {
+        let unread = |e| Diagnostic::error("unreadable-file", format!("cannot read `{}`: {e}", source.name));
+        at_most(&source.name, (source.open)().map_err(unread)?, mesh::MOST_BYTES)
     };
+    let bytes = read(source)?;
+    ctx.check()?;
+    let beside = |name: &str| ctx.sources.iter().find(|s| s.beside && s.name == name).map(read);
     let files =
         Files { name: &source.name, bytes: &bytes, beside: &beside, warn: &|sentence| ctx.report.warn(sentence) };
     let up = how.up.map(|up| match up {
@@ -566,7 +562,7 @@ mod tests {
         packed.write_all(&binary).unwrap();
         let packed = packed.finish().unwrap();
         assert_eq!(read("a.stl.gz", &packed).0.unwrap(), a);
-        assert!(error("a.stl.gz", &packed[..packed.len() / 2]).contains("cannot read"));
+        assert!(error("a.stl.gz", &packed[..packed.len() / 2]).contains("ends in the middle of its compressed data"));
     }
 
     /// Every byte of a rich GLB changed, and every length of it: an error or a mesh.

@@ -1,8 +1,9 @@
-//! Lines and city models from files with something broken in them: an error with its place, or a reject with its id and
+//! Lines, city models and meshes from files with something broken in them: an error with its place, or a reject with its id and
 //! the rest of the file; the same where files contradict each other. (Footprints:
 //! `readers.rs`; whole pipelines, and bytes changed at random: `bad_input.rs`.)
 
 mod lines;
+mod meshes;
 mod models;
 mod said;
 #[path = "../support/mod.rs"]

@@ -1,7 +1,7 @@
 //! Numbers out of glTF's buffers: every bound is looked at before anything is taken.
 
 use std::borrow::Cow;
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -71,7 +71,12 @@ pub struct Data<'a> {
     /// The binary chunk of a GLB.
     pub chunk: Option<&'a [u8]>,
     pub read: Vec<OnceCell<Cow<'a, [u8]>>>,
+    /// Numbers that were made for the sake of few of them.
+    pub wasted: Cell<u64>,
 }
+
+/// More are not made: parts may share a sparse accessor without end.
+const MOST_WASTE: u64 = 1 << 28;
 
 const COMPRESSED: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
@@ -119,8 +124,13 @@ impl<'a> Data<'a> {
         Ok(&bytes[view.byte_offset as usize..end as usize])
     }
 
-    /// Numbers of an accessor, and how many each element has.
-    pub fn values(&self, i: usize) -> Result<(usize, Vec<f64>)> {
+    /// Elements of an accessor.
+    pub fn count(&self, i: usize) -> Result<u64> {
+        Ok(self.accessors.get(i).ok_or_else(|| self.wrong(format!("there is no accessor {i}")))?.count)
+    }
+
+    /// Numbers of an accessor, and how many each element has; only of these elements, which must be ones, in their order.
+    pub fn values(&self, i: usize, only: Option<&[u32]>) -> Result<(usize, Vec<f64>)> {
         let a = self.accessors.get(i).ok_or_else(|| self.wrong(format!("there is no accessor {i}")))?;
         let width = match &*a.r#type {
             "SCALAR" => 1,
@@ -137,14 +147,23 @@ impl<'a> Data<'a> {
             );
         }
         let n = a.count as usize;
+        let whole = only.is_none() || a.sparse.is_some();
+        let taken = if whole { n } else { only.map_or(n, <[u32]>::len) };
+        if only.is_some() && whole {
+            self.wasted.set(self.wasted.get() + (taken * width) as u64);
+            if self.wasted.get() > MOST_WASTE {
+                return Err(self.wrong(format!("accessor {i}: too many parts share sparse numbers as long as these")));
+            }
+        }
         let mut out = match a.buffer_view {
             Some(view) => {
                 let stride = self.views.get(view).and_then(|v| v.byte_stride);
-                self.numbers(i, view, a.byte_offset, stride, n, (a.component_type, a.normalized, width))?
+                let kind = (a.component_type, a.normalized, width);
+                self.numbers(i, view, a.byte_offset, stride, n, kind, only.filter(|_| !whole))?
             }
             // Zeros; there is no reason for many.
-            None if a.count > 1 << 22 => return Err(self.wrong(format!("accessor {i}: {n} elements without data"))),
-            None => vec![0.0; n * width],
+            None if n * width > 1 << 22 => return Err(self.wrong(format!("accessor {i}: {n} elements without data"))),
+            None => vec![0.0; taken * width],
         };
         if let Some(s) = &a.sparse {
             if s.count > a.count {
@@ -152,9 +171,9 @@ impl<'a> Data<'a> {
             }
             let (count, at, of) = (s.count as usize, &s.indices, &s.values);
             let kind = (at.component_type, false, 1);
-            let places = self.numbers(i, at.buffer_view, at.byte_offset, None, count, kind)?;
+            let places = self.numbers(i, at.buffer_view, at.byte_offset, None, count, kind, None)?;
             let kind = (a.component_type, a.normalized, width);
-            let values = self.numbers(i, of.buffer_view, of.byte_offset, None, count, kind)?;
+            let values = self.numbers(i, of.buffer_view, of.byte_offset, None, count, kind, None)?;
             for (place, value) in places.iter().zip(values.chunks_exact(width)) {
                 let place = *place as usize;
                 if place >= n {
@@ -163,9 +182,13 @@ impl<'a> Data<'a> {
                 out[place * width..][..width].copy_from_slice(value);
             }
         }
+        if let Some(only) = only.filter(|_| whole) {
+            out = only.iter().flat_map(|&e| out[e as usize * width..][..width].iter().copied()).collect();
+        }
         Ok((width, out))
     }
 
+    #[allow(clippy::too_many_arguments, reason = "the parts of an accessor")]
     fn numbers(
         &self,
         i: usize,
@@ -174,6 +197,7 @@ impl<'a> Data<'a> {
         stride: Option<u64>,
         n: usize,
         (kind, normalized, width): (u32, bool, usize),
+        only: Option<&[u32]>,
     ) -> Result<Vec<f64>> {
         let (size, most) = match kind {
             5120 => (1, 127.0),
@@ -202,8 +226,10 @@ impl<'a> Data<'a> {
             return Err(self.wrong(what).help("the file was cut off, or its writer has a bug"));
         }
         let scale = |v: f64| if normalized { (v / most).max(-1.0) } else { v };
-        let mut out = Vec::with_capacity(n * width);
-        for e in 0..n {
+        let taken = only.map_or(n, <[u32]>::len);
+        let mut out = Vec::with_capacity(taken * width);
+        for e in 0..taken {
+            let e = only.map_or(e, |o| o[e] as usize);
             let at = &bytes[(offset + e as u64 * stride) as usize..][..element];
             for c in 0..width {
                 let b = &at[c / rows * column + c % rows * size..][..size];
@@ -221,8 +247,8 @@ impl<'a> Data<'a> {
     }
 
     /// Rows of an accessor that has this many numbers an element.
-    pub fn rows<const N: usize>(&self, i: usize, what: &str) -> Result<Vec<[f64; N]>> {
-        let (width, all) = self.values(i)?;
+    pub fn rows<const N: usize>(&self, i: usize, what: &str, only: Option<&[u32]>) -> Result<Vec<[f64; N]>> {
+        let (width, all) = self.values(i, only)?;
         if width != N {
             return Err(self.wrong(format!("accessor {i}: {what} of {width} numbers")));
         }
@@ -240,11 +266,12 @@ pub fn fetch(files: &Files, uri: &str) -> Result<Vec<u8>> {
         };
     }
     let name = file_name(uri);
-    (files.beside)(&name).unwrap_or_else(|| {
-        let shown: String = name.chars().take(80).collect();
-        let d = files.broken(format!("`{}`, which it names, is not there", shown.escape_debug()));
-        Err(if uri.contains("://") { d.help("put it beside the file: nothing is fetched") } else { d })
-    })
+    let shown: String = name.chars().take(80).collect();
+    if uri.contains("://") {
+        let d = files.broken(format!("`{}`, which it names, is elsewhere", shown.escape_debug()));
+        return Err(d.help("put it beside the file: nothing is fetched"));
+    }
+    files.beside(&name).map_err(|why| files.broken(format!("`{}`, which it names, {why}", shown.escape_debug())))
 }
 
 /// The name of the file that an address means.

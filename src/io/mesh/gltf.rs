@@ -4,7 +4,7 @@
 //! diffuse colour. Source: glTF 2.0; KHR_texture_transform, KHR_mesh_quantization, KHR_materials_pbrSpecularGlossiness,
 //! EXT_texture_webp, EXT_mesh_gpu_instancing. Compressed geometry and KTX2 pictures are errors that name a remedy.
 
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 use std::io::{BufRead, Read};
 
 use serde::Deserialize;
@@ -213,8 +213,10 @@ fn chunks<'a>(files: &Files<'a>) -> Result<(&'a [u8], Option<&'a [u8]>)> {
     if length as usize > bytes.len() {
         return Err(early());
     }
+    let bytes = &bytes[..length as usize];
+    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let (mut at, mut text, mut chunk) = (12, None, None);
-    while at < length as usize {
+    while at < bytes.len() {
         let (size, kind) = (word(at).ok_or_else(early)? as usize, word(at + 4).ok_or_else(early)?);
         let body = bytes.get(at + 8..).and_then(|b| b.get(..size)).ok_or_else(early)?;
         match kind {
@@ -264,6 +266,7 @@ pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()>
         buffers: &root.buffers,
         chunk,
         read: root.buffers.iter().map(|_| OnceCell::new()).collect(),
+        wasted: Cell::new(0),
     };
     let mut paint = Paint { root: &root, data: &data, known: vec![None; root.materials.len()], images: Vec::new() };
     scene::read(&root, &data, &mut paint, draft, ledger)
@@ -312,6 +315,10 @@ impl Paint<'_> {
             if map.extensions.get("KHR_texture_basisu").is_some() {
                 let help = "write it again with PNG, JPEG or WebP pictures";
                 return Err(files.broken("its pictures are KTX2 (KHR_texture_basisu), which is not read").help(help));
+            }
+            if let Some(name) = map.extensions.as_object().and_then(|all| all.keys().next()) {
+                let name = name.escape_debug();
+                files.warn(format!("texture {i} is only told by `{name}`, which is not read; what it covers is plain"));
             }
             return Ok(None);
         };

@@ -6,6 +6,7 @@ mod mtl;
 mod obj;
 mod ply;
 mod polygon;
+mod primitive;
 mod scene;
 mod stl;
 mod weld;
@@ -33,8 +34,28 @@ pub struct Files<'a> {
 }
 
 impl Files<'_> {
+    /// A file that this one names, or why it cannot be had.
+    fn beside(&self, name: &str) -> Result<Vec<u8>, String> {
+        if !is_below(name) {
+            return Err("lies outside the file's folder: put it there and name it so".into());
+        }
+        match (self.beside)(name) {
+            None => Err("is not there".into()),
+            Some(Err(e)) => Err(e.message),
+            Some(Ok(bytes)) => Ok(bytes),
+        }
+    }
+
     fn broken(&self, what: impl std::fmt::Display) -> Box<Diagnostic> {
         Diagnostic::error("bad-mesh", format!("`{}`: {what}", self.name))
+    }
+
+    /// A mistake that lies in this part of the file.
+    fn within(&self, part: impl std::fmt::Display, mut mistake: Box<Diagnostic>) -> Box<Diagnostic> {
+        let file = format!("`{}`: ", self.name);
+        let at = if mistake.message.starts_with(&file) { file.len() } else { 0 };
+        mistake.message.insert_str(at, &format!("{part}: "));
+        mistake
     }
 
     fn warn(&self, what: impl std::fmt::Display) {
@@ -44,6 +65,9 @@ impl Files<'_> {
 
 /// More triangles or vertices than that are a mistake, or a bomb: a file of some kilobytes can ask for 10^12.
 pub const MOST: u64 = 1 << 26;
+
+/// Larger files are not read, packed or not: GLB cannot be larger either.
+pub const MOST_BYTES: u64 = 1 << 32;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
@@ -95,9 +119,18 @@ pub fn beside(name: &str, read: &mut dyn std::io::BufRead) -> Vec<String> {
     names.into_iter().filter(|n| is_below(n)).collect()
 }
 
-/// Whether a name is a place relative to a folder.
+/// Whether a name is a place in a folder or below: what a file from elsewhere names must not take what is not its own.
 fn is_below(name: &str) -> bool {
-    !name.is_empty() && !name.starts_with(['/', '\\']) && !name.contains(':') && !name.contains('\0')
+    let mut depth = 0i32;
+    let stays = name.split(['/', '\\']).all(|part| {
+        depth += match part {
+            "" | "." => 0,
+            ".." => -1,
+            _ => 1,
+        };
+        depth >= 0
+    });
+    stays && !name.is_empty() && !name.starts_with(['/', '\\']) && !name.contains([':', '\0'])
 }
 
 /// A mesh in the making. Lists that only some parts of a source have are filled with what means none.
@@ -224,10 +257,16 @@ impl Draft {
     }
 }
 
+/// More rejected triangles are counted, but not listed.
+pub const MOST_LISTED: u64 = 10_000;
+
 /// Leaves out a triangle that was read.
 fn reject(ledger: &mut Ledger, files: &Files, cause: &str, place: &dyn Fn() -> String) {
     let row = ledger.read;
     ledger.read += 1;
+    if ledger.rejected() >= MOST_LISTED {
+        return ledger.reject_unlisted(cause);
+    }
     let place = format!("{}:{}", files.name, place());
     ledger.reject(Note { row, id: format!("triangle {row}"), place, cause: cause.to_string() });
 }
@@ -247,6 +286,7 @@ pub fn read(files: &Files, up: Option<Up>, ledger: &mut Ledger) -> Result<Mesh> 
         Some(Format::Ply) => ply::read(files, &mut draft, ledger).map(|()| Up::Z)?,
         Some(Format::Stl) => stl::read(files, &mut draft, ledger).map(|()| Up::Z)?,
         None if files.bytes.is_empty() => return Err(files.broken("the file is empty")),
+        None if stl::is_named(files) => return Err(stl::wrong_count(files)),
         None => {
             let known = "known are glTF, GLB, OBJ, PLY and STL";
             return Err(files.broken("this is no mesh, or it ends early").help(known));

@@ -129,8 +129,8 @@ pub struct Looks {
 
 impl Looks {
     pub fn library(&mut self, name: &str, files: &Files) {
-        match (files.beside)(name) {
-            Some(Ok(bytes)) => {
+        match files.beside(name) {
+            Ok(bytes) => {
                 for (material, mtl) in parse(&String::from_utf8_lossy(&bytes)) {
                     if !self.known.contains_key(&material) {
                         self.from.insert(material.clone(), name.to_string());
@@ -138,9 +138,8 @@ impl Looks {
                     }
                 }
             }
-            other => {
+            Err(why) => {
                 self.missing = true;
-                let why = other.and_then(|r| r.err()).map_or("is not there".into(), |e| e.message);
                 files.warn(format!("`{name}` {why}: what it paints is white"));
             }
         }
@@ -197,10 +196,9 @@ impl Looks {
 
 /// Takes a picture beside the file; a sentence where that cannot be.
 pub fn picture(name: &str, files: &Files, draft: &mut Draft) -> Option<u32> {
-    let why = match (files.beside)(name) {
-        None => "is not there".to_string(),
-        Some(Err(e)) => e.message,
-        Some(Ok(bytes)) => match image_type(&bytes) {
+    let why = match files.beside(name) {
+        Err(why) => why,
+        Ok(bytes) => match image_type(&bytes) {
             Ok(kind) => {
                 draft.surface.images.push(kind, &bytes);
                 return Some(draft.surface.images.len() as u32 - 1);

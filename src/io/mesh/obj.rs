@@ -57,7 +57,12 @@ struct Vertices {
     heads: Vec<u32>,
     /// (picture place + 1, normal + 1, feature, vertex, the entry before).
     entries: Vec<(u32, u32, u32, u32, u32)>,
+    /// What is further back than that in a long chain: (place, picture place + 1, normal + 1, feature) to the vertex.
+    far: BTreeMap<(u32, u32, u32, u32), u32>,
 }
+
+/// Longer chains are not searched: a tip may belong to a million faces.
+const MOST_LINKS: usize = 32;
 
 /// What faces refer to.
 #[derive(Default)]
@@ -76,7 +81,7 @@ pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()>
     }
     let objects = lines(&text).any(|(_, word, _)| word == "o");
     let mut looks = Looks::default();
-    let mut vertices = Vertices { heads: vec![u32::MAX; lists.v.len()], entries: Vec::new() };
+    let mut vertices = Vertices { heads: vec![u32::MAX; lists.v.len()], entries: Vec::new(), far: BTreeMap::new() };
     let (mut v, mut vt, mut vn) = (0i64, 0i64, 0i64);
     let (mut feature, mut known) = (None, BTreeMap::<String, u32>::new());
     let mut material = None;
@@ -239,12 +244,19 @@ impl Vertices {
         let number = |i: Option<i64>| i.map_or(0, |i| i as u32 + 1);
         let (at, normal) = (number(at), number(normal));
         let head = self.heads[place as usize];
-        let mut next = head;
+        let (mut next, mut links) = (head, 0);
         while let Some(&(a, n, f, vertex, before)) = self.entries.get(next as usize) {
             if (a, n, f) == (at, normal, feature) {
                 return u64::from(vertex);
             }
             next = before;
+            links += 1;
+        }
+        let key = (place as u32, at, normal, feature);
+        if links >= MOST_LINKS
+            && let Some(&vertex) = self.far.get(&key)
+        {
+            return u64::from(vertex);
         }
         let vertex = draft.positions.len() as u32;
         draft.positions.push(lists.v[place as usize]);
@@ -261,8 +273,12 @@ impl Vertices {
         if let Some(colour) = lists.colours.get(place as usize) {
             all.colours.push(*colour);
         }
-        self.heads[place as usize] = self.entries.len() as u32;
-        self.entries.push((at, normal, feature, vertex, head));
+        if links >= MOST_LINKS {
+            self.far.insert(key, vertex);
+        } else {
+            self.heads[place as usize] = self.entries.len() as u32;
+            self.entries.push((at, normal, feature, vertex, head));
+        }
         u64::from(vertex)
     }
 }

@@ -251,13 +251,21 @@ fn role(p: &Property) -> Role {
     }
 }
 
+/// Corners of faces and strips, one after the other.
+#[derive(Default)]
+struct Lists {
+    values: Vec<f64>,
+    /// Row, whether it is a strip, where its corners end.
+    ends: Vec<(u64, bool, usize)>,
+}
+
 pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()> {
     let header = header(files)?;
     let rest = &files.bytes[header.length..];
     let mut body = Body { order: header.order, rest, files, element: String::new(), row: 0 };
     draft.feature("mesh");
     let mut faces = Faces::default();
-    let mut strips = Vec::new();
+    let mut lists = Lists::default();
     for element in &header.elements {
         let width = |p: &Property| match (header.order, p.list) {
             (Order::Text, _) => 2,
@@ -292,12 +300,10 @@ pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()>
                         body.skip(p)?;
                         continue;
                     };
-                    let n = body.length(list)?;
-                    let mut all = Vec::with_capacity(n);
-                    for _ in 0..n {
-                        all.push(body.value(p.kind)?);
+                    for _ in 0..body.length(list)? {
+                        lists.values.push(body.value(p.kind)?);
                     }
-                    strips.push((row, is_strip, all));
+                    lists.ends.push((row, is_strip, lists.values.len()));
                 }
             }
         } else {
@@ -308,7 +314,10 @@ pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()>
         }
     }
     // Faces may come before the vertices.
-    for (row, is_strip, all) in strips {
+    let mut first = 0;
+    for &(row, is_strip, end) in &lists.ends {
+        let all = &lists.values[first..end];
+        first = end;
         let index = |v: f64| if (0.0..4e9).contains(&v) { v as u64 } else { u64::MAX };
         let place = || format!("face {row}");
         if draft.triangles.len() as u64 > MOST {

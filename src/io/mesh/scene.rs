@@ -1,11 +1,11 @@
 //! The nodes of a glTF scene and what they draw.
 
 use serde::Deserialize;
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::accessor::Data;
-use super::gltf::{Paint, Root, Transform};
-use super::obj::unit;
+use super::gltf::{Paint, Root};
+use super::primitive::{Part, Primitive, part};
 use super::{Draft, MOST};
 use crate::diag::Result;
 use crate::io::ledger::Ledger;
@@ -21,6 +21,7 @@ pub struct Node {
     translation: Option<[f64; 3]>,
     rotation: Option<[f64; 4]>,
     scale: Option<[f64; 3]>,
+    weights: Vec<f64>,
     extensions: Value,
 }
 
@@ -33,16 +34,6 @@ pub struct Mesh {
 }
 
 #[derive(Deserialize, Default)]
-#[serde(default)]
-struct Primitive {
-    attributes: Map<String, Value>,
-    indices: Option<usize>,
-    material: Option<usize>,
-    mode: Option<u32>,
-    extensions: Value,
-}
-
-#[derive(Deserialize, Default)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Skin {
     inverse_bind_matrices: Option<usize>,
@@ -50,7 +41,7 @@ pub struct Skin {
 }
 
 /// Three rows of an affine map.
-type Matrix = [[f64; 4]; 3];
+pub type Matrix = [[f64; 4]; 3];
 
 const ONE: Matrix = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
@@ -63,7 +54,7 @@ fn times(a: &Matrix, b: &Matrix) -> Matrix {
     })
 }
 
-fn apply(m: &Matrix, p: [f64; 3]) -> [f64; 3] {
+pub fn apply(m: &Matrix, p: [f64; 3]) -> [f64; 3] {
     m.map(|r| r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + r[3])
 }
 
@@ -82,7 +73,7 @@ fn of_parts(t: [f64; 3], [x, y, z, w]: [f64; 4], s: [f64; 3]) -> Matrix {
 }
 
 /// Cofactors of the linear part, which turn normals, and its determinant.
-fn cofactors(m: &Matrix) -> ([[f64; 3]; 3], f64) {
+pub fn cofactors(m: &Matrix) -> ([[f64; 3]; 3], f64) {
     let c = |i: usize, j: usize| {
         let (a, b, u, v) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
         m[a][u] * m[b][v] - m[a][v] * m[b][u]
@@ -93,6 +84,13 @@ fn cofactors(m: &Matrix) -> ([[f64; 3]; 3], f64) {
 }
 
 impl Node {
+    /// How often its mesh is drawn.
+    fn copies(&self, data: &Data) -> u64 {
+        let Some(instancing) = self.extensions.get("EXT_mesh_gpu_instancing") else { return 1 };
+        let count = |name: &str| data.count(instancing["attributes"][name].as_u64()? as usize).ok();
+        ["TRANSLATION", "ROTATION", "SCALE"].into_iter().filter_map(count).min().unwrap_or(1)
+    }
+
     fn matrix(&self) -> Matrix {
         match &self.matrix {
             Some(m) => of_columns(m),
@@ -137,51 +135,123 @@ pub fn read(root: &Root, data: &Data, paint: &mut Paint, draft: &mut Draft, ledg
         todo.extend(node.children.iter().rev().map(|&c| (c, place)));
     }
 
-    // (2) What they draw.
-    let mut morphed = false;
-    for n in order {
+    // (2) How much they draw, before any of it is read.
+    let mut sizes: Vec<Option<u64>> = vec![None; root.meshes.len()];
+    let mut sum = 0u64;
+    for &n in &order {
         let node = &root.nodes[n];
-        let Some(mesh) = node.mesh else { continue };
-        let mesh = root.meshes.get(mesh).ok_or_else(|| files.broken(format!("there is no mesh {mesh}")))?;
-        morphed |= mesh.weights.iter().any(|w| *w != 0.0);
-        let own = [&node.name, &mesh.name].into_iter().find(|name| !name.is_empty());
-        let name = own.cloned().unwrap_or_else(|| format!("node-{n}"));
-        let place = places[n].expect("it is in the order");
-        let skin = node.skin.map(|s| joints(root, data, s, &places)).transpose()?;
-        let copies = match node.extensions.get("EXT_mesh_gpu_instancing") {
-            Some(instancing) => instances(data, &instancing["attributes"])?,
-            None => vec![ONE],
-        };
-        let parts = mesh.primitives.iter().map(|p| part(p, data, paint, draft)).collect::<Result<Vec<_>>>()?;
-        let new: u64 = parts.iter().flatten().map(|p| p.positions.len().max(p.corners.len()) as u64).sum();
-        if (new * copies.len() as u64).saturating_add(draft.positions.len().max(draft.triangles.len()) as u64) > MOST {
-            return Err(files.broken(format!("it draws more than the {MOST} vertices that are read")));
-        }
-        for copy in copies {
-            let feature = draft.feature(&name);
-            for part in &parts {
-                match part {
-                    Some(part) => part.draw(&times(&place, &copy), skin.as_deref(), feature, data, draft, ledger)?,
-                    None => {
-                        ledger.read += 1;
-                        ledger.filter_type("points and lines");
-                    }
-                }
-            }
+        let Some((m, mesh)) = node.mesh.and_then(|m| Some((m, root.meshes.get(m)?))) else { continue };
+        let size = *sizes[m].get_or_insert_with(|| mesh.primitives.iter().map(|p| p.corners(data)).sum());
+        sum = sum.saturating_add(size.saturating_mul(node.copies(data)));
+        if sum > MOST {
+            let message = format!("nodes[{n}]: up to here it draws more than the {MOST} corners that are read");
+            return Err(files.broken(message));
         }
     }
-    if morphed {
+
+    // (3) What they draw.
+    let mut scene = Scene { root, data, places, skins: vec![None; root.skins.len()], drawn: 0, morphed: false };
+    for n in order {
+        scene.node(n, paint, draft, ledger).map_err(|e| files.within(format!("nodes[{n}]"), e))?;
+    }
+    if scene.morphed {
         files.warn("morph targets are not heeded: shapes are those of no weights");
     }
     Ok(())
 }
 
+/// What is being drawn.
+struct Scene<'a, 'd> {
+    root: &'a Root,
+    data: &'a Data<'d>,
+    places: Vec<Option<Matrix>>,
+    /// Joints of the skins that were met.
+    skins: Vec<Option<Vec<Matrix>>>,
+    /// Vertices or corners so far, whichever a part has more of.
+    drawn: u64,
+    morphed: bool,
+}
+
+impl Scene<'_, '_> {
+    fn node(&mut self, n: usize, paint: &mut Paint, draft: &mut Draft, ledger: &mut Ledger) -> Result<()> {
+        let (root, data, files) = (self.root, self.data, self.data.files);
+        let node = &root.nodes[n];
+        let Some(m) = node.mesh else { return Ok(()) };
+        let mesh = root.meshes.get(m).ok_or_else(|| files.broken(format!("there is no mesh {m}")))?;
+        let weights = if node.weights.is_empty() { &mesh.weights } else { &node.weights };
+        self.morphed |= weights.iter().any(|w| *w != 0.0);
+        let own = [&node.name, &mesh.name].into_iter().find(|name| !name.is_empty());
+        let name = own.cloned().unwrap_or_else(|| format!("node-{n}"));
+        let place = self.places[n].expect("it is in the order");
+        if let Some(s) = node.skin
+            && self.skins.get(s).is_none_or(Option::is_none)
+        {
+            let new = joints(root, data, s, &self.places)?;
+            self.skins[s] = Some(new);
+        }
+        let copies = match node.extensions.get("EXT_mesh_gpu_instancing") {
+            Some(instancing) => instances(data, &instancing["attributes"])?,
+            None => vec![ONE],
+        };
+        // One copy is drawn part by part; of several the parts are kept.
+        let mut parts = Vec::new();
+        let mut feature = 0;
+        for (k, p) in mesh.primitives.iter().enumerate() {
+            let at = format!("meshes[{m}].primitives[{k}]");
+            let mut part = part(p, data, paint, draft).map_err(|e| files.within(&at, e))?;
+            if let Some(part) = &mut part {
+                part.at = format!("nodes[{n}], {at}");
+                self.drawn = self.drawn.saturating_add(part.size().saturating_mul(copies.len() as u64));
+                if self.drawn > MOST {
+                    return Err(files.broken(format!("{at}: more than the {MOST} vertices that are read")));
+                }
+            }
+            let skin = node.skin.and_then(|s| self.skins[s].as_deref());
+            if copies.len() != 1 {
+                parts.push(part);
+                continue;
+            }
+            if k == 0 {
+                feature = draft.feature(&name);
+            }
+            draw(part.as_ref(), &times(&place, &copies[0]), skin, feature, data, draft, ledger)?;
+        }
+        let skin = node.skin.and_then(|s| self.skins[s].as_deref());
+        for copy in copies.iter().filter(|_| !parts.is_empty()) {
+            let feature = draft.feature(&name);
+            for part in &parts {
+                draw(part.as_ref(), &times(&place, copy), skin, feature, data, draft, ledger)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn draw(
+    part: Option<&Part>,
+    place: &Matrix,
+    skin: Option<&[Matrix]>,
+    feature: u32,
+    data: &Data,
+    draft: &mut Draft,
+    ledger: &mut Ledger,
+) -> Result<()> {
+    match part {
+        Some(part) => part.draw(place, skin, feature, data, draft, ledger),
+        None => {
+            ledger.read += 1;
+            ledger.filter_type("points and lines");
+            Ok(())
+        }
+    }
+}
+
 /// Places of instances below their node.
 fn instances(data: &Data, attributes: &Value) -> Result<Vec<Matrix>> {
     let index = |name: &str| attributes[name].as_u64().map(|i| i as usize);
-    let moves = index("TRANSLATION").map(|i| data.rows::<3>(i, "translations")).transpose()?;
-    let turns = index("ROTATION").map(|i| data.rows::<4>(i, "rotations")).transpose()?;
-    let scales = index("SCALE").map(|i| data.rows::<3>(i, "scales")).transpose()?;
+    let moves = index("TRANSLATION").map(|i| data.rows::<3>(i, "translations", None)).transpose()?;
+    let turns = index("ROTATION").map(|i| data.rows::<4>(i, "rotations", None)).transpose()?;
+    let scales = index("SCALE").map(|i| data.rows::<3>(i, "scales", None)).transpose()?;
     let counts = [moves.as_ref().map(Vec::len), turns.as_ref().map(Vec::len), scales.as_ref().map(Vec::len)];
     let n = counts.into_iter().flatten().min().unwrap_or(1);
     let one = |i: usize| {
@@ -194,7 +264,7 @@ fn instances(data: &Data, attributes: &Value) -> Result<Vec<Matrix>> {
 /// Where each joint takes a vertex.
 fn joints(root: &Root, data: &Data, skin: usize, places: &[Option<Matrix>]) -> Result<Vec<Matrix>> {
     let skin = root.skins.get(skin).ok_or_else(|| data.files.broken(format!("there is no skin {skin}")))?;
-    let binds = skin.inverse_bind_matrices.map(|i| data.rows::<16>(i, "bind matrices")).transpose()?;
+    let binds = skin.inverse_bind_matrices.map(|i| data.rows::<16>(i, "bind matrices", None)).transpose()?;
     let joint = |(i, &n): (usize, &usize)| {
         let place = places.get(n).copied().flatten();
         let place = place.ok_or_else(|| data.files.broken(format!("joint {n} is not in the scene")))?;
@@ -202,177 +272,4 @@ fn joints(root: &Root, data: &Data, skin: usize, places: &[Option<Matrix>]) -> R
         Ok(times(&place, &bind))
     };
     skin.joints.iter().enumerate().map(joint).collect()
-}
-
-/// A primitive's numbers before they are placed.
-struct Part {
-    name: String,
-    positions: Vec<[f64; 3]>,
-    normals: Option<Vec<[f64; 3]>>,
-    uvs: Option<Vec<[f64; 2]>>,
-    transform: Transform,
-    colours: Option<(usize, Vec<f64>)>,
-    /// Joints and weights, four at a time.
-    bound: Vec<(Vec<[f64; 4]>, Vec<[f64; 4]>)>,
-    corners: Vec<u64>,
-    mode: u32,
-    material: Option<u32>,
-}
-
-/// None of points and lines.
-fn part(p: &Primitive, data: &Data, paint: &mut Paint, draft: &mut Draft) -> Result<Option<Part>> {
-    let files = data.files;
-    let mode = p.mode.unwrap_or(4);
-    if mode < 4 {
-        return Ok(None);
-    }
-    if mode > 6 {
-        return Err(files.broken(format!("{mode} is no mode of a primitive")));
-    }
-    let attribute = |name: &str| p.attributes.get(name).and_then(Value::as_u64).map(|i| i as usize);
-    let draco = p.extensions.get("KHR_draco_mesh_compression").is_some();
-    let dracos = || {
-        files
-            .broken("its geometry is compressed by KHR_draco_mesh_compression, which is not read")
-            .help("open it in Blender and export it without compression")
-    };
-    let Some(place) = attribute("POSITION") else {
-        return if draco { Err(dracos()) } else { Ok(None) };
-    };
-    // Compressed accessors have no view of their own.
-    if draco && data.accessors.get(place).is_some_and(|a| !a.has_view()) {
-        return Err(dracos());
-    }
-    let positions = data.rows::<3>(place, "positions")?;
-    let painted = p.material.map(|m| paint.material(m, draft)).transpose()?;
-    let uv_set = painted.as_ref().map_or(0, |m| m.uv_set);
-    let textured = painted.as_ref().is_some_and(|m| draft.surface.materials[m.number as usize].texture.is_some());
-    let uvs = attribute(&format!("TEXCOORD_{uv_set}")).filter(|_| textured);
-    let mut bound = Vec::new();
-    for k in 0..4 {
-        if let (Some(j), Some(w)) = (attribute(&format!("JOINTS_{k}")), attribute(&format!("WEIGHTS_{k}"))) {
-            bound.push((data.rows::<4>(j, "joints")?, data.rows::<4>(w, "weights")?));
-        }
-    }
-    let colours = attribute("COLOR_0").map(|i| data.values(i)).transpose()?.filter(|c| c.0 == 3 || c.0 == 4);
-    let corners = match p.indices {
-        Some(i) => data.values(i)?.1.into_iter().map(|v| if v >= 0.0 { v as u64 } else { u64::MAX }).collect(),
-        None => (0..positions.len() as u64).collect(),
-    };
-    let part = Part {
-        name: painted.as_ref().map_or("mesh".into(), |m| draft.surface.materials[m.number as usize].name.clone()),
-        normals: attribute("NORMAL").map(|i| data.rows::<3>(i, "normals")).transpose()?,
-        uvs: uvs.map(|i| data.rows::<2>(i, "picture places")).transpose()?,
-        transform: painted.as_ref().map_or_else(Transform::default, |m| m.transform),
-        colours,
-        bound,
-        corners,
-        mode,
-        material: painted.map(|m| m.number),
-        positions,
-    };
-    let n = part.positions.len();
-    let short = |len: Option<usize>| len.is_some_and(|l| l < n);
-    let lengths = [part.normals.as_ref().map(Vec::len), part.uvs.as_ref().map(Vec::len)];
-    let colours = part.colours.as_ref().map(|(w, all)| all.len() / w);
-    let joints = part.bound.iter().any(|(j, w)| j.len() < n || w.len() < n);
-    if lengths.into_iter().any(short) || short(colours) || joints {
-        return Err(files.broken(format!("a primitive of {n} positions has fewer of another attribute")));
-    }
-    Ok(Some(part))
-}
-
-impl Part {
-    fn draw(
-        &self,
-        place: &Matrix,
-        skin: Option<&[Matrix]>,
-        feature: u32,
-        data: &Data,
-        draft: &mut Draft,
-        ledger: &mut Ledger,
-    ) -> Result<()> {
-        let files = data.files;
-        let first = draft.positions.len();
-        let first_triangle = draft.triangles.len();
-        let skin = skin.filter(|_| !self.bound.is_empty());
-        let (mut turn, mut det) = cofactors(place);
-        // A skinned vertex stands where its joints take it, wherever its node is.
-        for (i, p) in self.positions.iter().enumerate() {
-            if let Some(skin) = skin {
-                let m = self.bent(i, skin).ok_or_else(|| files.broken("a vertex is bound to a joint that is not"))?;
-                draft.positions.push(apply(&m, *p));
-                (turn, det) = cofactors(&m);
-            } else {
-                draft.positions.push(apply(place, *p));
-            }
-            draft.features.push(feature);
-            if let Some(n) = &self.normals {
-                let n = turn.map(|r| (r[0] * n[i][0] + r[1] * n[i][1] + r[2] * n[i][2]) * det.signum());
-                draft.surface.normals.resize(first + i, [0.0; 3]);
-                draft.surface.normals.push(unit(n));
-            }
-            if let Some(uvs) = &self.uvs {
-                draft.surface.uvs.resize(first + i, [0.0; 2]);
-                draft.surface.uvs.push(self.transform.of(uvs[i]));
-            }
-            if let Some((width, all)) = &self.colours {
-                let c = &all[i * width..][..*width];
-                draft.surface.colours.resize(first + i, [1.0; 4]);
-                draft.surface.colours.push([0, 1, 2, 3].map(|k| c.get(k).map_or(1.0, |v| *v as f32)));
-            }
-        }
-        // What mirrors turns faces inside out; so does a negative scale.
-        let mirrored = det < 0.0;
-        let corner = |i: usize| self.corners[i].saturating_add(first as u64);
-        let count = if self.mode == 4 { self.corners.len() / 3 } else { self.corners.len().saturating_sub(2) };
-        for t in 0..count {
-            let mut of = match self.mode {
-                4 => [3 * t, 3 * t + 1, 3 * t + 2],
-                5 if t % 2 == 0 => [t, t + 1, t + 2],
-                5 => [t + 1, t, t + 2],
-                _ => [0, t + 1, t + 2],
-            };
-            if mirrored {
-                of.swap(1, 2);
-            }
-            let of = of.map(corner);
-            // Strips have flat triangles at their bends.
-            if self.mode == 5 && (of[0] == of[1] || of[1] == of[2] || of[0] == of[2]) {
-                continue;
-            }
-            draft.triangle(of, files, ledger, &|| format!("{} of `{}`", t, draft_name(&self.name)));
-        }
-        draft.primitive(&self.name, first_triangle, self.material);
-        Ok(())
-    }
-
-    /// The map of a skinned vertex: the mean of its joints'.
-    fn bent(&self, i: usize, skin: &[Matrix]) -> Option<Matrix> {
-        let mut out = [[0.0; 4]; 3];
-        let mut sum = 0.0;
-        for (joints, weights) in &self.bound {
-            for k in 0..4 {
-                let w = weights[i][k];
-                if w == 0.0 {
-                    continue;
-                }
-                let m = skin.get(joints[i][k] as usize)?;
-                sum += w;
-                for r in 0..3 {
-                    for c in 0..4 {
-                        out[r][c] += w * m[r][c];
-                    }
-                }
-            }
-        }
-        if sum > 0.0 {
-            out.iter_mut().flatten().for_each(|v| *v /= sum);
-        }
-        Some(out)
-    }
-}
-
-fn draft_name(name: &str) -> String {
-    name.chars().take(40).collect()
 }

@@ -1,7 +1,7 @@
 //! STL, binary and as text. Corners that are equal to the bit become one vertex; the normals of facets are not read.
 
 use super::{Draft, Files, MOST, weld::weld};
-use crate::diag::Result;
+use crate::diag::{Diagnostic, Result};
 use crate::io::ledger::Ledger;
 
 /// Header and count, then 50 bytes a triangle.
@@ -11,6 +11,24 @@ const FACET: usize = 50;
 /// Whether the length is the one that the count asks for; of the head of a file whether it can be.
 pub fn is_binary(bytes: &[u8]) -> bool {
     bytes.len() >= HEAD && HEAD as u64 + FACET as u64 * count(bytes) == bytes.len() as u64
+}
+
+/// Whether it calls itself one and is no text.
+pub fn is_named(files: &Files) -> bool {
+    let name = files.name.to_ascii_lowercase();
+    (name.ends_with(".stl") || name.ends_with(".stl.gz")) && files.bytes.contains(&0)
+}
+
+/// What is wrong with one whose length is not what its count asks for.
+pub fn wrong_count(files: &Files) -> Box<Diagnostic> {
+    let n = files.bytes.len();
+    if n < HEAD {
+        return files.broken(format!("a binary STL has {HEAD} bytes before its triangles, this has {n}"));
+    }
+    let (count, room) = (count(files.bytes), (n - HEAD) / FACET);
+    files
+        .broken(format!("its header promises {count} triangles, but there is room for {room}"))
+        .help("the file was cut off or its writer has a bug; fetch or write it again")
 }
 
 fn count(bytes: &[u8]) -> u64 {
