@@ -1,11 +1,16 @@
 #!/usr/bin/env bash
-# Opens what the pipelines published in a headless Chromium, with three.js and 3d-tiles-renderer: .ci/browse.sh [FILE..]
+# Opens what the pipelines published in a headless Chromium, with three.js and 3d-tiles-renderer, and compares its pictures
+# of models with lodge's: .ci/browse.sh [FILE..]
 # Pictures come to target/browser/pictures. What is missing is installed where that is possible, else the step is skipped.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 here=$PWD
 files=("$@")
-[ ${#files[@]} -gt 0 ] || files=(out/town/tileset/tileset.json)
+if [ ${#files[@]} -eq 0 ]; then
+  files=(out/town/tileset/tileset.json)
+  # What tests/views.rs kept: models with lodge's own pictures, to which three.js must agree.
+  for file in target/tmp/views/*.views.json; do [ ! -f "$file" ] || files+=("$file"); done
+fi
 for i in "${!files[@]}"; do
   if [ ! -f "${files[$i]}" ]; then
     echo "skipped: browser: no ${files[$i]} (lodge run pipelines/town.toml)"

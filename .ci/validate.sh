@@ -8,7 +8,7 @@ here=$PWD
 folders=()
 for folder in "${@:-}"; do [ -n "$folder" ] && folders+=("$(realpath "$folder")"); done
 if [ ${#folders[@]} -eq 0 ]; then
-  for folder in target/tmp/tilesets target/tmp/cityjson out .lodge/out pipelines/out; do
+  for folder in target/tmp/tilesets target/tmp/cityjson target/tmp/views out .lodge/out pipelines/out; do
     if [ -d "$folder" ]; then folders+=("$here/$folder"); fi
   done
 fi

@@ -6,6 +6,7 @@ import {
 import { GLTFLoader } from 'three/examples/jsm/loaders/GLTFLoader.js';
 import { TilesRenderer } from '3d-tiles-renderer';
 import { GLTFExtensionsPlugin } from '3d-tiles-renderer/plugins';
+import './views.js';
 
 const [width, height] = [1024, 640];
 const renderer = new WebGLRenderer({ antialias: false, preserveDrawingBuffer: true });
