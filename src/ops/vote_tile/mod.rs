@@ -78,7 +78,7 @@ crate::inputs! {
 
 impl Op for VoteTile {
     const NAME: &'static str = "vote-tile";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = PlaneTiles;
 
@@ -192,43 +192,30 @@ impl<'a> Hunt<'a> {
         voters.iter().enumerate().for_each(|(v, &i)| voter[i as usize] = v as u32);
         let cones = Cones::new(&with_entry, dictionary, cells);
         let mut search = Search::new(&cones, cells, voters.len());
-        let mut reaches: [Vec<u32>; 8] = Default::default();
-        for (r, reach) in cones.reaches.iter().enumerate() {
-            reaches[usize::from(reach.cube)].push(r as u32);
-        }
-        let alive = |search: &Search| (0..voters.len() as u32).filter(|&v| search.is_alive(v)).collect::<Vec<_>>();
-        let mut left: Vec<u32> = alive(&search);
-        let accept = |hunt: &mut Self, search: &mut Search, left: &mut Vec<u32>, w: [i64; 4]| {
-            left.retain(|&v| search.is_alive(v));
-            let voting: Vec<u32> = left.iter().filter(|&&v| cones.holds(v, &w)).map(|&v| voters[v as usize]).collect();
-            let taken = hunt.take(stage, w, voting);
+        let mut left = Voters::new(&cones, &with_entry, cells);
+        let accept = |hunt: &mut Self, search: &mut Search, left: &mut Voters, w: [i64; 4]| {
+            let taken = hunt.take(stage, w, left.voting(&w).into_iter().map(|v| voters[v as usize]).collect());
             search.take(taken.into_iter().map(|i| voter[i as usize]).filter(|&v| v != u32::MAX));
+            left.retain(|v| search.is_alive(v));
         };
         while !self.is_over() {
             check()?;
             let Some(best) = search.best(self.how.min_votes, self.how.exact) else { break };
-            let w = if self.how.polish {
-                left.retain(|&v| search.is_alive(v));
-                reaches.iter_mut().for_each(|all| all.retain(|&r| search.is_alive(cones.reaches[r as usize].stick)));
-                let (left, reaches) = (&left[..], &reaches);
-                polish(&Voters { cones: &cones, sticks: &with_entry, left, reaches, cells }, &best)
-            } else {
-                cones::sample(cells, best.cube, best.at)
-            };
+            let w = if self.how.polish { polish(&left, &best) } else { cones::sample(cells, best.cube, best.at) };
             accept(self, &mut search, &mut left, w);
         }
         // Cones between the samples: a plane of their own.
-        left.retain(|&v| search.is_alive(v));
         let mut own: Vec<Vec<cones::Reach>> = vec![Vec::new(); voters.len()];
         cones.reaches.iter().filter(|r| search.is_alive(r.stick)).for_each(|r| own[r.stick as usize].push(*r));
-        let between: Vec<u32> = left.par_iter().copied().filter(|&v| !search.is_sampled(&own[v as usize])).collect();
+        let between = (0..voters.len() as u32).into_par_iter().filter(|&v| search.is_alive(v));
+        let between: Vec<u32> = between.filter(|&v| !search.is_sampled(&own[v as usize])).collect();
         while !self.is_over() {
             check()?;
-            left.retain(|&v| search.is_alive(v));
-            let votes = |v: u32| left.iter().filter(|&&o| cones.holds(o, &cones.middles[v as usize])).count();
             let open: Vec<u32> = between.iter().copied().filter(|&v| search.is_alive(v)).collect();
-            let all: Vec<(usize, std::cmp::Reverse<u32>)> =
-                open.par_iter().map(|&v| (votes(v), std::cmp::Reverse(v))).collect();
+            let all: Vec<(usize, std::cmp::Reverse<u32>)> = open
+                .par_iter()
+                .map(|&v| (left.voting(&cones.middles[v as usize]).len(), std::cmp::Reverse(v)))
+                .collect();
             let Some(&(most, std::cmp::Reverse(v))) = all.iter().max() else { break };
             if most < self.how.min_votes as usize {
                 break;

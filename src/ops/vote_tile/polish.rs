@@ -5,40 +5,157 @@
 //! a sweep over their ends.
 //! Tried: a pattern search over the 26 neighbours in ever smaller steps: stopped at half of the votes on turned boxes.
 
-use super::cones::{Cones, Reach, axes, sample};
+use rayon::prelude::*;
+
+use super::cones::{Cones, axes, sample};
 use super::search::Best;
 use super::sticks::Stick;
 use crate::artifact::voxels::STEPS;
 use crate::geom::lattice::Field;
+use crate::geom::wide::{self, Work};
 
 /// Parts of a sample that a polished plane is kept in.
 pub const PARTS: i64 = 256;
 
-/// What may vote: cones, their sticks, and who is left.
+/// What may vote: cones, and where their sticks are that are left.
 pub struct Voters<'a> {
-    pub cones: &'a Cones,
-    pub sticks: &'a [(Stick, u16)],
-    /// Alive sticks, and reaches of alive sticks by cube.
-    pub left: &'a [u32],
-    pub reaches: &'a [Vec<u32>; 8],
-    pub cells: u32,
+    cones: &'a Cones,
+    cells: u32,
+    by_direction: [Middles; 6],
+    by_cube: [Boxes; 8],
+}
+
+/// Sticks of one direction: their middles, doubled, and their numbers, ascending.
+#[derive(Default)]
+struct Middles {
+    at: [Vec<f64>; 3],
+    stick: Vec<u32>,
+}
+
+/// Reaches in one cube: their first and last samples, and the numbers of their sticks, ascending.
+#[derive(Default)]
+struct Boxes {
+    low: [Vec<i16>; 3],
+    high: [Vec<i16>; 3],
+    stick: Vec<u32>,
+}
+
+impl<'a> Voters<'a> {
+    pub fn new(cones: &'a Cones, sticks: &[(Stick, u16)], cells: u32) -> Self {
+        let mut out = Self { cones, cells, by_direction: Default::default(), by_cube: Default::default() };
+        for (i, (stick, _)) in sticks.iter().enumerate() {
+            let row = &mut out.by_direction[usize::from(stick.direction)];
+            let middle = stick.doubled_middle();
+            row.at.iter_mut().zip(middle).for_each(|(all, v)| all.push(f64::from(v)));
+            row.stick.push(i as u32);
+        }
+        for reach in &cones.reaches {
+            let row = &mut out.by_cube[usize::from(reach.cube)];
+            row.low.iter_mut().zip(reach.low).for_each(|(all, v)| all.push(v as i16));
+            row.high.iter_mut().zip(reach.high).for_each(|(all, v)| all.push(v as i16));
+            row.stick.push(reach.stick);
+        }
+        out
+    }
+
+    /// Forgets the sticks that are not alive.
+    pub fn retain(&mut self, is_alive: impl Fn(u32) -> bool) {
+        fn keep<T>(all: &mut Vec<T>, stays: &[bool]) {
+            let mut stays = stays.iter();
+            all.retain(|_| stays.next() == Some(&true));
+        }
+        for row in &mut self.by_direction {
+            let stays: Vec<bool> = row.stick.iter().map(|&s| is_alive(s)).collect();
+            row.at.iter_mut().for_each(|all| keep(all, &stays));
+            keep(&mut row.stick, &stays);
+        }
+        for row in &mut self.by_cube {
+            let stays: Vec<bool> = row.stick.iter().map(|&s| is_alive(s)).collect();
+            row.low.iter_mut().chain(&mut row.high).for_each(|all| keep(all, &stays));
+            keep(&mut row.stick, &stays);
+        }
+    }
+
+    /// Sticks that vote for a plane, ascending.
+    pub fn voting(&self, w: &[i64; 4]) -> Vec<u32> {
+        let field = Field::new(self.cells, *w);
+        let mut out = Vec::new();
+        for (direction, row) in self.by_direction.iter().enumerate() {
+            let along: i64 = (0..3).map(|k| field.gradient[k] * i64::from(STEPS[direction][k])).sum();
+            if along < 0 {
+                // Between the ends of a stick the field changes by `along`, doubled by twice that.
+                row.near(&field, along.abs() as f64, |i| out.push(row.stick[i]));
+            }
+        }
+        out.retain(|&i| self.cones.holds(i, w));
+        out.sort_unstable();
+        out
+    }
+}
+
+impl Middles {
+    /// Sticks in whose middle the doubled field is at most `limit`, by their places in the lists.
+    fn near(&self, field: &Field, limit: f64, found: impl FnMut(usize)) {
+        wide::run(Near { row: self, field, limit, found });
+    }
+}
+
+struct Near<'a, F> {
+    row: &'a Middles,
+    field: &'a Field,
+    limit: f64,
+    found: F,
+}
+
+impl<F: FnMut(usize)> Work for Near<'_, F> {
+    type Out = ();
+    #[inline(always)]
+    fn work(mut self) {
+        // Whole numbers below 2^53: exact.
+        let start = 2.0 * self.field.start as f64;
+        let [gx, gy, gz] = self.field.gradient.map(|g| g as f64);
+        let [x, y, z] = [0, 1, 2].map(|k| self.row.at[k].as_chunks::<16>());
+        let limit = self.limit;
+        let at = |x: f64, y: f64, z: f64| (start + gx * x + gy * y + gz * z).abs();
+        for (part, ((x, y), z)) in x.0.iter().zip(y.0).zip(z.0).enumerate() {
+            let all: [f64; 16] = std::array::from_fn(|i| at(x[i], y[i], z[i]));
+            let least = all.iter().fold(f64::INFINITY, |l, &v| if v < l { v } else { l });
+            if least <= limit {
+                (0..16).filter(|&i| all[i] <= limit).for_each(|i| (self.found)(16 * part + i));
+            }
+        }
+        let rest = 16 * x.0.len();
+        for (i, ((&x, &y), &z)) in x.1.iter().zip(y.1).zip(z.1).enumerate() {
+            if at(x, y, z) <= limit {
+                (self.found)(rest + i);
+            }
+        }
+    }
 }
 
 /// The plane in about 1/256 of a corner value; it has at least the votes of the sample.
 pub fn polish(voters: &Voters, best: &Best) -> [i64; 4] {
     let mut w = sample(voters.cells, best.cube, best.at).map(|v| v * PARTS);
     let mut most = best.votes as usize;
+    // Where a climb began or ended: it would end there, or as it did.
+    let mut known: Vec<([i64; 4], usize)> = Vec::new();
     loop {
         let before = most;
         // A fit may stand at the foot of a higher hill, with fewer votes than the sample.
+        let fits: Vec<Vec<([i64; 4], usize)>> =
+            [0.75, 1.5, 2.5].into_par_iter().map(|reach| voters.fits(&w, reach).collect()).collect();
         let mut starts = vec![(w, most)];
-        for reach in [0.75, 1.5, 2.5] {
-            starts.extend(voters.fits(&w, reach));
-        }
-        starts.retain(|s| 2 * s.1 > most);
-        starts.dedup();
-        for (mut to, mut votes) in starts {
-            voters.climb(&mut to, &mut votes);
+        starts.extend(fits.into_iter().flatten());
+        starts.retain(|s| {
+            let is_new = 2 * s.1 > most && !known.contains(s);
+            if is_new {
+                known.push(*s);
+            }
+            is_new
+        });
+        starts.par_iter_mut().for_each(|(to, votes)| voters.climb(to, votes));
+        for (to, votes) in starts {
+            known.push((to, votes));
             if votes > most {
                 (w, most) = (to, votes);
             }
@@ -76,19 +193,16 @@ impl Voters<'_> {
             (0..6).find(|&d| STEPS[d][main] != 0 && i64::from(STEPS[d][main]) * field.gradient[main] < 0)?;
         let limit = 2.0 * reach * field.gradient[main].abs() as f64;
         let (u, v) = ((main + 1) % 3, (main + 2) % 3);
-        let n = self.cells as i32;
+        let n = f64::from(self.cells);
+        let row = &self.by_direction[direction];
         // Sums of whole numbers: no order, no rounding. Places are doubled, from the middle of the grid.
-        let mut sums = [0i128; 9];
-        for &s in self.left {
-            let stick = &self.sticks[s as usize].0;
-            let m = stick.doubled_middle();
-            if usize::from(stick.direction) == direction && (field.doubled(m) as f64).abs() <= limit {
-                let [x, y, z] = [u, v, main].map(|k| i64::from(m[k] - n));
-                for (sum, add) in sums.iter_mut().zip([x * x, x * y, y * y, x, y, 1, x * z, y * z, z]) {
-                    *sum += i128::from(add);
-                }
+        let mut sums = [0i64; 9];
+        row.near(&field, limit, |i| {
+            let [x, y, z] = [u, v, main].map(|k| (row.at[k][i] - n) as i64);
+            for (sum, add) in sums.iter_mut().zip([x * x, x * y, y * y, x, y, 1, x * z, y * z, z]) {
+                *sum += add;
             }
-        }
+        });
         let [xx, xy, yy, x, y, one, xz, yz, z] = sums.map(|s| s as f64);
         // z = a x + b y + c
         let det = |m: [[f64; 3]; 3]| {
@@ -104,13 +218,11 @@ impl Voters<'_> {
         let c = det([[xx, xy, xz], [xy, yy, yz], [x, y, z]]) / all;
         // The field at the corners, which lie at -N or N on each axis: inside is where it is not negative.
         let sign = f64::from(STEPS[direction][main]);
-        let n = f64::from(n);
         let corner = |at: [f64; 3]| sign * (a * at[u] + b * at[v] + c - at[main]);
         let values = [[-n, -n, -n], [n, n, -n], [n, -n, n], [-n, n, n]].map(corner);
         let largest = values.iter().fold(0.0, |l: f64, v| l.max(v.abs()));
         let to = values.map(|v| (v / largest * 2.0 * n * PARTS as f64).round() as i64);
-        (to.iter().all(|v| v.abs() <= 2 * i64::from(self.cells) * PARTS))
-            .then(|| (to, self.left.iter().filter(|&&s| self.cones.holds(s, &to)).count()))
+        (to.iter().all(|v| v.abs() <= 2 * i64::from(self.cells) * PARTS)).then(|| (to, self.voting(&to).len()))
     }
 
     /// Line by line to where most cones overlap: shifts, tilts about three axes and about six diagonals.
@@ -127,51 +239,116 @@ impl Voters<'_> {
             [-1, 0, 1, 0],
             [0, 1, 0, -1],
         ];
-        let mut ends = Vec::new();
+        let mut near = Around::default();
+        near.fill(self, w);
+        let mut ends = Default::default();
         let mut idle = 0;
         for line in LINES.iter().cycle() {
-            let near = self.around(w);
-            let to = self.along(w, line, &near, &mut ends);
-            let votes = |w: &[i64; 4]| near.iter().filter(|&&s| self.cones.holds(s, w)).count();
-            let count = votes(&to);
+            let to = near.along(w, line, &mut ends);
+            let count = near.votes(&to);
             idle += 1;
             if count > *most {
                 (*w, *most, idle) = (to, count, 0);
+                near.fill(self, w);
             }
             if idle == LINES.len() {
                 return;
             }
         }
     }
+}
+
+/// The cones whose reach comes within four samples of a plane w, their facets side by side. All numbers are whole and
+/// below 2^53, but for the quotients.
+#[derive(Default)]
+struct Around {
+    /// n + 1 offsets into the facets.
+    starts: Vec<u32>,
+    a: [Vec<f64>; 4],
+    sign: Vec<f64>,
+    /// a . w
+    at: Vec<f64>,
+    /// For a line: the first and the last t inside.
+    low: Vec<f64>,
+    high: Vec<f64>,
+}
+
+/// Farthest from w along a line.
+const LIMIT: f64 = (8 * PARTS) as f64;
+
+impl Around {
+    fn fill(&mut self, voters: &Voters, w: &[i64; 4]) {
+        self.starts.clear();
+        self.starts.push(0);
+        self.a.iter_mut().for_each(Vec::clear);
+        self.sign.clear();
+        for stick in voters.around(w) {
+            for f in voters.cones.facets(stick) {
+                self.a.iter_mut().zip(f.a).for_each(|(all, v)| all.push(f64::from(v)));
+                self.sign.push(f64::from(f.sign));
+            }
+            self.starts.push(self.sign.len() as u32);
+        }
+        self.at = self.dots(w);
+    }
+
+    fn dots(&self, w: &[i64; 4]) -> Vec<f64> {
+        let [p, q, r, s] = w.map(|v| v as f64);
+        let [a, b, c, d] = &self.a;
+        a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| a * p + b * q + c * r + d * s).collect()
+    }
+
+    /// Cones that hold a plane.
+    fn votes(&self, w: &[i64; 4]) -> usize {
+        let dots = self.dots(w);
+        let inside = |i: usize| dots[i] > 0.0 || dots[i] == 0.0 && self.sign[i] > 0.0;
+        self.starts.windows(2).filter(|c| (c[0]..c[1]).all(|i| inside(i as usize))).count()
+    }
 
     /// The plane w + t line, t within four samples, in the middle of where most cones overlap; of equal stretches the
     /// longest, then the first.
-    fn along(&self, w: &[i64; 4], line: &[i64; 4], near: &[u32], ends: &mut Vec<(f64, i32)>) -> [i64; 4] {
-        let limit = (8 * PARTS) as f64;
-        ends.clear();
-        for &s in near {
-            let (mut low, mut high) = (-limit, limit);
-            for f in self.cones.facets(s) {
-                let dot = |v: &[i64; 4]| (0..4).map(|i| i64::from(f.a[i]) * v[i]).sum::<i64>();
-                let (at, slope) = (dot(w), dot(line));
-                let root = 0.0 - at as f64 / slope as f64;
-                match slope.signum() {
-                    1 => low = low.max(root),
-                    -1 => high = high.min(root),
-                    _ if at < 0 || at == 0 && f.sign < 0 => high = f64::NEG_INFINITY,
-                    _ => {}
-                }
+    fn along(&mut self, w: &[i64; 4], line: &[i64; 4], [lows, highs]: &mut [Vec<f64>; 2]) -> [i64; 4] {
+        let slopes = self.dots(line);
+        let bounds = self.at.iter().zip(&self.sign).zip(&slopes);
+        self.low.clear();
+        self.low.extend(bounds.clone().map(|((at, _), slope)| if *slope > 0.0 { 0.0 - at / slope } else { -LIMIT }));
+        self.high.clear();
+        self.high.extend(bounds.map(|((at, sign), slope)| {
+            if *slope < 0.0 {
+                0.0 - at / slope
+            } else if *slope == 0.0 && (*at < 0.0 || *at == 0.0 && *sign < 0.0) {
+                f64::NEG_INFINITY
+            } else {
+                LIMIT
             }
+        }));
+        lows.clear();
+        highs.clear();
+        for c in self.starts.windows(2) {
+            let own = c[0] as usize..c[1] as usize;
+            let low = self.low[own.clone()].iter().fold(-LIMIT, |l, &v| if v > l { v } else { l });
+            let high = self.high[own].iter().fold(LIMIT, |h, &v| if v < h { v } else { h });
             if low < high {
-                ends.extend([(low, 1), (high, -1)]);
+                lows.push(low);
+                highs.push(high);
             }
         }
-        // Where one cone ends and another begins, the end comes first.
-        ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        lows.sort_unstable_by(f64::total_cmp);
+        highs.sort_unstable_by(f64::total_cmp);
         let (mut count, mut best) = (0, (0, 0.0, 0.0));
-        for (i, &(at, step)) in ends.iter().enumerate() {
-            count += step;
-            let length = ends.get(i + 1).map_or(0.0, |next| next.0 - at);
+        let (mut i, mut j) = (0, 0);
+        while j < highs.len() {
+            // Where one cone ends and another begins, the end comes first.
+            let begins = i < lows.len() && lows[i] < highs[j];
+            let at = if begins { lows[i] } else { highs[j] };
+            (i, j) = if begins { (i + 1, j) } else { (i, j + 1) };
+            count += if begins { 1 } else { -1 };
+            let next = match (lows.get(i), highs.get(j)) {
+                (Some(&low), Some(&high)) if low < high => low,
+                (_, Some(&high)) => high,
+                _ => at,
+            };
+            let length = next - at;
             if count > best.0 && length > 0.0 || count == best.0 && length > best.1 {
                 best = (count, length, at + length / 2.0);
             }
@@ -179,16 +356,49 @@ impl Voters<'_> {
         let t = best.2.round() as i64;
         [0, 1, 2, 3].map(|i| w[i] + t * line[i])
     }
+}
 
+impl Voters<'_> {
     /// Sticks whose reach comes within four samples of the plane, each once.
     fn around(&self, w: &[i64; 4]) -> Vec<u32> {
         let fixed = (0..4).rev().max_by_key(|&i| w[i].abs()).expect("four values");
         let cube = 2 * fixed + usize::from(w[fixed] < 0);
         let scale = f64::from(self.cells) / w[fixed].abs() as f64;
         let at = axes(fixed).map(|a| w[a] as f64 * scale + f64::from(self.cells) - 0.5);
-        let near =
-            |r: &Reach| (0..3).all(|k| f64::from(r.low[k]) - 4.0 <= at[k] && at[k] <= f64::from(r.high[k]) + 4.0);
-        let all = self.reaches[cube].iter().map(|&r| &self.cones.reaches[r as usize]);
-        all.filter(|r| near(r)).map(|r| r.stick).collect()
+        // Whole numbers on one side of it and on the other.
+        let (below, above) = (at.map(|v| v.floor() as i16 + 4), at.map(|v| v.ceil() as i16 - 4));
+        let mut out = Vec::new();
+        wide::run(Holding { boxes: &self.by_cube[cube], below, above, out: &mut out });
+        out
+    }
+}
+
+/// Sticks of boxes that begin at `below` or before and end at `above` or after.
+struct Holding<'a> {
+    boxes: &'a Boxes,
+    below: [i16; 3],
+    above: [i16; 3],
+    out: &'a mut Vec<u32>,
+}
+
+impl Work for Holding<'_> {
+    type Out = ();
+    #[inline(always)]
+    fn work(self) {
+        let Boxes { low, high, stick } = self.boxes;
+        let n = stick.len();
+        for first in (0..n).step_by(64) {
+            let end = (first + 64).min(n);
+            let mut inside = [u16::MAX; 64];
+            for k in 0..3 {
+                let (low, high) = (&low[k][first..end], &high[k][first..end]);
+                for ((inside, low), high) in inside.iter_mut().zip(low).zip(high) {
+                    *inside &= if *low <= self.below[k] && *high >= self.above[k] { u16::MAX } else { 0 };
+                }
+            }
+            if inside[..end - first].iter().fold(0, |a, i| a | i) != 0 {
+                self.out.extend(stick[first..end].iter().zip(inside).filter(|s| s.1 != 0).map(|s| s.0));
+            }
+        }
     }
 }

@@ -1,8 +1,9 @@
 //! Counters of one block of 16 x 16 x 16 sampled planes, and the cones that are drawn into them.
 //!
 //! For each row of 16 samples along the block's first axis a cone's half-spaces leave an interval; sixteen rows are
-//! worked out side by side. All numbers that decide are multiples of 1/4 below 2^22, exact in f32; a quotient is
-//! off by at most 10^-5, and no boundary comes nearer to a sample than 1/16,500: rounding never decides.
+//! worked out and counted side by side: counters lie with the second axis fastest, then the first. All numbers that
+//! decide are multiples of 1/4 below 2^22, exact in f32; a quotient is off by at most 10^-5, and no boundary comes nearer
+//! to a sample than 1/16,500: rounding never decides.
 
 use super::cones::{Facet, axes};
 use crate::geom::wide::{self, Work};
@@ -30,6 +31,14 @@ pub enum Meets {
 }
 
 impl Facet {
+    /// The value at a block's first sample and what a step along each axis adds.
+    #[inline]
+    pub fn plane(&self, origin: &Origin) -> [f32; 4] {
+        let start: i64 = (0..4).map(|i| i64::from(self.a[i]) * origin.w[i]).sum();
+        let [x, y, z] = axes(origin.fixed).map(|axis| 2.0 * f32::from(self.a[axis]));
+        [start as f32 + 0.25 * f32::from(self.sign), x, y, z]
+    }
+
     /// How the half-space meets the samples of `span`.
     #[inline]
     pub fn meets(&self, origin: &Origin, span: &Span) -> Meets {
@@ -73,12 +82,62 @@ impl Work for Draw<'_> {
     }
 }
 
-/// The largest counter and the first place that has it.
+/// Counters of 4^3 samples each: how many cones may reach any of them.
+pub type Rough = [u32; 64];
+
+/// Adds `by` (1, or -1 as a u32) wherever none of a cone's half-spaces keeps it from all samples. False where one
+/// always does.
+pub fn rough(counters: &mut Rough, planes: &[[f32; 4]], by: u32) -> bool {
+    wide::run(Roughly { counters, planes, by })
+}
+
+struct Roughly<'a> {
+    counters: &'a mut Rough,
+    planes: &'a [[f32; 4]],
+    by: u32,
+}
+
+impl Work for Roughly<'_> {
+    type Out = bool;
+    #[inline(always)]
+    fn work(self) -> bool {
+        let mut least = [1.0f32; 64];
+        for &[start, dx, dy, dz] in self.planes {
+            let most = |d: f32| if d > 0.0 { 3.0 * d } else { 0.0 };
+            let start = start + most(dx) + most(dy) + most(dz);
+            let slice: [f32; 16] =
+                std::array::from_fn(|i| start + 4.0 * dx * (i % 4) as f32 + 4.0 * dy * (i / 4) as f32);
+            for z in 0..4 {
+                let dz = 4.0 * dz * z as f32;
+                for i in 0..16 {
+                    let at = slice[i] + dz;
+                    let old = least[16 * z + i];
+                    least[16 * z + i] = if at < old { at } else { old };
+                }
+            }
+        }
+        let mut any = 0;
+        for i in 0..64 {
+            let inside = if least[i] > 0.0 { self.by } else { 0 };
+            self.counters[i] = self.counters[i].wrapping_add(inside);
+            any |= inside;
+        }
+        any != 0
+    }
+}
+
+/// The largest counter and the first place that has it, with the first axis fastest.
 pub fn largest(counters: &Counters) -> (u16, u16) {
     let most = wide::run(Most(counters));
-    let rows = counters.as_chunks::<SIDE>().0;
-    let row = rows.iter().position(|row| row.contains(&most)).expect("it is the largest");
-    (most, (row * SIDE + rows[row].iter().position(|&c| c == most).expect("it is there")) as u16)
+    (most, first_place(counters, most))
+}
+
+/// The first sample, with the first axis fastest, that has a count.
+pub fn first_place<T: PartialEq + Copy>(counters: &[T], count: T) -> u16 {
+    let slice = counters.chunks(SIDE * SIDE).position(|slice| slice.contains(&count)).expect("it is there");
+    let has = |&(y, x): &(usize, usize)| counters[(slice * SIDE + x) * SIDE + y] == count;
+    let (y, x) = (0..SIDE * SIDE).map(|i| (i / SIDE, i % SIDE)).find(has).expect("it is there");
+    ((slice * SIDE + y) * SIDE + x) as u16
 }
 
 struct Most<'a>(&'a Counters);
@@ -97,83 +156,123 @@ impl Work for Most<'_> {
     }
 }
 
-/// `MASKS[first][last + 1]`: all bits at first..=last.
-static MASKS: [[[u16; SIDE]; SIDE + 1]; SIDE + 1] = {
-    let mut out = [[[0; SIDE]; SIDE + 1]; SIDE + 1];
-    let mut first = 0;
-    while first <= SIDE {
-        let mut end = 0;
-        while end <= SIDE {
-            let mut x = first;
-            while x < end {
-                out[first][end][x] = u16::MAX;
-                x += 1;
-            }
-            end += 1;
-        }
-        first += 1;
-    }
-    out
-};
-
-/// Of a number in 0..2^16 that is whole or farther than 1/40,000 below the next whole one: rounds to the last bit of a
-/// number at 2^23. Two additions; a cast would also ask for what is too large and what is no number.
-#[inline(always)]
-fn floor(v: f32) -> i32 {
-    const SHIFT: f32 = 8_388_608.0;
-    ((v - 0.499_975) + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
+/// A half-space along the rows: for each y the bound of x less what z adds, times `dx`.
+#[derive(Clone, Copy)]
+struct Slope {
+    at: [f32; SIDE],
+    dz: f32,
+    by: f32,
 }
 
 #[inline(always)]
 fn draw_by(Draw { counters, planes, span, by: add }: Draw) -> bool {
+    /// Adding it leaves the nearest whole number in the lowest bits.
+    const SHIFT: f32 = 12_582_912.0;
     let [[x0, x1], [y0, y1], [z0, z1]] = *span;
     let lanes: [f32; SIDE] = std::array::from_fn(|y| y as f32);
+    // (1) bounds from below, from above; planes along x only say which y are left
+    let mut slopes = [Slope { at: [0.0; SIDE], dz: 0.0, by: 0.0 }; 16];
+    let (mut below, mut above) = (0, 16);
+    let mut flat = [[0.0; 4]; 16];
+    let mut flats = 0;
+    for &[start, dx, dy, dz] in planes {
+        if dx == 0.0 {
+            flat[flats] = [start, dx, dy, dz];
+            flats += 1;
+            continue;
+        }
+        // Half a sample further: then the nearest whole number is the first inside, or the first no longer inside.
+        let start = start - 0.5 * dx;
+        let slope = Slope { at: std::array::from_fn(|y| start + dy * lanes[y]), dz, by: -1.0 / dx };
+        if dx > 0.0 {
+            slopes[below] = slope;
+            below += 1;
+        } else {
+            above -= 1;
+            slopes[above] = slope;
+        }
+    }
+    let (from_below, from_above) = (&slopes[..below], &slopes[above..]);
+    let outside: [bool; SIDE] = std::array::from_fn(|y| (y as i32) < y0 || y as i32 > y1);
+    let ends: [f32; SIDE] = std::array::from_fn(|y| if outside[y] { -1.0 } else { (x1 + 1) as f32 });
+    // Slices that some plane has no part of, for any x and y.
+    let mut gone = [0u16; SIDE];
+    for &[start, dx, dy, dz] in planes {
+        let most = |d: f32, first: i32, last: i32| d * (if d > 0.0 { last } else { first }) as f32;
+        let start = start + most(dx, x0, x1) + most(dy, y0, y1);
+        for z in 0..SIDE {
+            gone[z] |= if start + dz * lanes[z] <= 0.0 { u16::MAX } else { 0 };
+        }
+    }
     let mut any = false;
     for z in z0..=z1 {
-        let mut low = [(x0 - 1) as f32; SIDE];
-        let mut high = [(x1 + 1) as f32; SIDE];
-        for &[start, dx, dy, dz] in planes {
-            let start = start + dz * z as f32;
-            if dx == 0.0 {
-                for y in 0..SIDE {
-                    high[y] = if start + dy * lanes[y] <= 0.0 { -1.0 } else { high[y] };
-                }
-                continue;
-            }
-            let by = -1.0 / dx;
-            if dx > 0.0 {
-                for y in 0..SIDE {
-                    let at = (start + dy * lanes[y]) * by;
-                    low[y] = if at > low[y] { at } else { low[y] };
-                }
-            } else {
-                for y in 0..SIDE {
-                    let at = (start + dy * lanes[y]) * by;
-                    high[y] = if at < high[y] { at } else { high[y] };
-                }
+        if gone[z as usize % SIDE] != 0 {
+            continue;
+        }
+        // (2) for each y the first x inside and the first no longer inside
+        let (mut low, mut high) = ([x0 as f32; SIDE], ends);
+        let depth = z as f32;
+        for s in from_below {
+            let dz = s.dz * depth;
+            for y in 0..SIDE {
+                let at = (s.at[y] + dz) * s.by;
+                low[y] = if at > low[y] { at } else { low[y] };
             }
         }
-        // Samples x with low < x < high; both are between -1 and 16 now, so that truncation is floor after a shift.
-        let (mut first, mut end) = ([0i32; SIDE], [0i32; SIDE]);
+        for s in from_above {
+            let dz = s.dz * depth;
+            for y in 0..SIDE {
+                let at = (s.at[y] + dz) * s.by;
+                high[y] = if at < high[y] { at } else { high[y] };
+            }
+        }
+        for &[start, _, dy, dz] in &flat[..flats] {
+            let start = start + dz * depth;
+            for y in 0..SIDE {
+                high[y] = if start + dy * lanes[y] <= 0.0 { -1.0 } else { high[y] };
+            }
+        }
+        let (mut first, mut end) = ([0u16; SIDE], [0u16; SIDE]);
         for y in 0..SIDE {
             let l = if low[y] < 16.0 { low[y] } else { 16.0 };
-            let h = if high[y] > -1.0 { high[y] } else { -1.0 };
-            first[y] = floor(l + 17.0) - 16;
-            end[y] = 17 - floor(17.0 - h);
+            let h = if high[y] > 0.0 { high[y] } else { 0.0 };
+            first[y] = (l + SHIFT).to_bits() as u16;
+            end[y] = (h + SHIFT).to_bits() as u16;
         }
-        for y in y0 as usize..=y1 as usize {
-            if first[y] < end[y] {
-                any = true;
-                let mask = MASKS[first[y] as usize][end[y] as usize];
-                let row = (z as usize * SIDE + y) * SIDE;
-                let row: &mut [u16; SIDE] = (&mut counters[row..row + SIDE]).try_into().expect("16 counters");
-                // Read whole, then written whole: nobody has to know that the two do not overlap.
-                let old = *row;
-                *row = std::array::from_fn(|x| old[x].wrapping_add(mask[x] & add));
+        let (mut starts, mut rests) = ([0u16; SIDE], [0u16; SIDE]);
+        for y in 0..SIDE {
+            let empty = if first[y] < end[y] { 0 } else { 16 };
+            starts[y] = first[y] | empty;
+            rests[y] = (16 - end[y]) | empty;
+        }
+        // (3) column by column, all y at once
+        let (from, rest) = (least(starts), least(rests));
+        if from + rest >= 16 {
+            continue;
+        }
+        let to = 16 - rest;
+        any = true;
+        let slice = &mut counters[z as usize * SIDE * SIDE..][..SIDE * SIDE];
+        let columns = &mut slice.as_chunks_mut::<SIDE>().0[usize::from(from)..usize::from(to)];
+        // How far the column is behind the first one inside, and how far it may be.
+        let mut behind: [u16; SIDE] = std::array::from_fn(|y| from.wrapping_sub(first[y]));
+        let long: [u16; SIDE] = std::array::from_fn(|y| end[y].saturating_sub(first[y]));
+        for column in columns {
+            for y in 0..SIDE {
+                column[y] = column[y].wrapping_add(if behind[y] < long[y] { add } else { 0 });
+                behind[y] = behind[y].wrapping_add(1);
             }
         }
     }
     any
+}
+
+#[inline(always)]
+fn least(a: [u16; SIDE]) -> u16 {
+    let b: [u16; 8] = std::array::from_fn(|i| a[i].min(a[i + 8]));
+    let c: [u16; 4] = std::array::from_fn(|i| b[i].min(b[i + 4]));
+    let d: [u16; 2] = std::array::from_fn(|i| c[i].min(c[i + 2]));
+    d[0].min(d[1])
 }
 
 #[cfg(test)]
@@ -225,7 +324,7 @@ mod tests {
             let any = !nowhere && draw(&mut counters, &planes, &span, 1);
             let mut count = 0;
             for (i, &c) in counters.iter().enumerate() {
-                let at = [i % 16, i / 16 % 16, i / 256];
+                let at = [i / 16 % 16, i % 16, i / 256];
                 let w = sample(cells, cube, [0, 1, 2].map(|k| 16 * block[k] + at[k] as u16));
                 let in_span = (0..3).all(|k| span[k][0] <= at[k] as i32 && at[k] as i32 <= span[k][1]);
                 let held = in_span && facets.iter().all(|f| f.holds(&w));

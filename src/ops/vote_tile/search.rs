@@ -12,7 +12,7 @@ use std::collections::{BinaryHeap, VecDeque};
 use rayon::prelude::*;
 
 use super::cones::{Cones, Reach, sample};
-use super::raster::{Counters, Meets, Origin, SIDE, Span, draw, largest};
+use super::raster::{Counters, Meets, Origin, Rough, SIDE, Span, draw, first_place, largest, rough};
 
 /// Blocks that are worked on at once. Fixed: the order of work is the same for any number of threads.
 const BATCH: usize = 32;
@@ -54,11 +54,26 @@ struct Block {
     number: u32,
     first: u32,
     count: u32,
-    /// The list once it was touched: alive at `epoch`.
+    /// The list once it was touched.
     list: Option<Vec<u32>>,
-    epoch: u32,
+    /// What its best sample can have at most; the place of that sample where it is drawn.
+    bound: u32,
+    sample: u16,
+    level: Level,
+    rough: Option<Box<Rough>>,
     counters: Option<Box<Counters>>,
-    best: (u32, u16),
+}
+
+/// What a block's bound comes from.
+#[derive(Clone, Copy, Default, PartialEq)]
+enum Level {
+    /// The length of its list.
+    #[default]
+    Listed,
+    /// Parts of 4^3 samples.
+    Rough,
+    /// Its counters, though they may be thrown away.
+    Drawn,
 }
 
 impl<'a> Search<'a> {
@@ -103,7 +118,7 @@ impl<'a> Search<'a> {
         for (number, range) in starts.windows(2).enumerate().filter(|(_, r)| r[0] < r[1]) {
             let (first, count) = (range[0], range[1] - range[0]);
             out.heap.push((count, Reverse(out.blocks.len() as u32), NEVER));
-            out.blocks.push(Block { number: number as u32, first, count, epoch: NEVER, ..Block::default() });
+            out.blocks.push(Block { number: number as u32, first, count, bound: count, ..Block::default() });
         }
         out
     }
@@ -185,10 +200,10 @@ impl<'a> Search<'a> {
                 }
             }
             if batch.is_empty() || !proven && fresh.is_some() {
-                batch.into_iter().for_each(|b| self.heap.push((self.blocks[b as usize].bound(), Reverse(b), NEVER)));
+                batch.into_iter().for_each(|b| self.heap.push((self.blocks[b as usize].bound, Reverse(b), NEVER)));
                 let block = &self.blocks[fresh? as usize];
                 let (cube, at) = self.place(block.number);
-                let (votes, sample) = block.best;
+                let (votes, sample) = (block.bound, block.sample);
                 let inner = [sample % 16, sample / 16 % 16, sample / 256];
                 return Some(Best { votes, cube, at: [0, 1, 2].map(|k| at[k] * SIDE as u16 + inner[k]) });
             }
@@ -197,8 +212,9 @@ impl<'a> Search<'a> {
             let kept: Vec<bool> = taken.iter().map(|b| b.counters.is_some()).collect();
             taken.par_iter_mut().for_each(|block| this.refresh(block));
             for ((b, block), kept) in batch.into_iter().zip(taken).zip(kept) {
-                if block.best.0 >= least {
-                    self.heap.push((block.best.0, Reverse(b), self.epoch));
+                if block.bound >= least {
+                    let epoch = if block.level == Level::Drawn { self.epoch } else { NEVER };
+                    self.heap.push((block.bound, Reverse(b), epoch));
                     if !kept && block.counters.is_some() {
                         self.drawn.push_back(b);
                     }
@@ -213,86 +229,52 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Brings a block up to date: its list without the dead, its counters, its best sample.
+    /// Brings a block up to date: its list without the dead, then a rough count, then, if that leaves its bound where it
+    /// was, its counters.
     fn refresh(&self, block: &mut Block) {
-        let (cube, at) = self.place(block.number);
-        let origin = self.origin(cube, at);
-        let mut list = block
-            .list
-            .take()
-            .unwrap_or_else(|| self.lists[block.first as usize..(block.first + block.count) as usize].to_vec());
+        let here = Here::new(self, block.number);
+        let own = block.first as usize..(block.first + block.count) as usize;
+        let mut list = block.list.take().unwrap_or_else(|| self.lists[own].to_vec());
         let alive = |entry: u32| self.died[self.cones.reaches[entry as usize / 2].stick as usize] == ALIVE;
-        let mut full = 0u32;
-        let drawn_by = |counters: &mut Counters, entry: u32, by: u16| {
-            let reach = &self.cones.reaches[entry as usize / 2];
-            let span = span(reach, at);
-            let mut planes = [[0.0; 4]; 16];
-            let mut count = 0;
-            for f in self.cones.facets(reach.stick) {
-                match f.meets(&origin, &span) {
-                    Meets::Nowhere => return false,
-                    Meets::Everywhere => {}
-                    Meets::Somewhere(plane) => {
-                        planes[count] = plane;
-                        count += 1;
-                    }
+        if let Some(counters) = &mut block.counters {
+            list.retain(|&entry| {
+                let alive = alive(entry);
+                if !alive {
+                    here.draw(counters, entry, u16::MAX);
                 }
-            }
-            draw(counters, &planes[..count], &span, by)
-        };
-        let counters = match block.counters.take() {
-            Some(mut counters) => {
+                alive
+            });
+        } else {
+            // Cones that miss the block leave the list for good.
+            if let Some(counters) = &mut block.rough {
                 list.retain(|&entry| {
                     let alive = alive(entry);
-                    if !alive && entry % 2 == 0 {
-                        drawn_by(&mut counters, entry, u16::MAX);
+                    if !alive {
+                        here.rough(counters, entry, u32::MAX);
                     }
-                    full += (entry % 2) & u32::from(alive);
                     alive
                 });
-                counters
+            } else {
+                let counters = block.rough.insert(Box::new([0; 64]));
+                list.retain(|&entry| alive(entry) && here.rough(counters, entry, 1));
             }
-            None => {
-                list.retain(|&entry| alive(entry));
-                let zeros = vec![0; SIDE * SIDE * SIDE].into_boxed_slice();
-                let mut counters: Box<Counters> = zeros.try_into().expect("4,096 counters");
-                if list.len() > usize::from(u16::MAX) {
-                    return self.refresh_many(block, list, drawn_by);
-                }
-                // Cones without a sample here leave the list for good.
-                list.retain(|&entry| {
-                    full += entry % 2;
-                    entry % 2 == 1 || drawn_by(&mut counters, entry, 1)
-                });
-                counters
+            let most = block.rough.iter().flat_map(|r| r.iter()).fold(0, |m, &c| m.max(c));
+            let bound = most + full(&list);
+            if bound < block.bound {
+                (block.bound, block.level, block.list) = (bound, Level::Rough, Some(list));
+                return;
             }
-        };
-        let (most, sample) = largest(&counters);
-        block.best = (u32::from(most) + full, sample);
-        block.counters = Some(counters);
-        block.list = Some(list);
-        block.epoch = self.epoch;
-    }
-
-    /// A block with more cones than a counter can count: in parts, and without keeping the counters.
-    fn refresh_many(&self, block: &mut Block, list: Vec<u32>, mut draw: impl FnMut(&mut Counters, u32, u16) -> bool) {
-        let mut sums = vec![0u32; SIDE * SIDE * SIDE];
-        let mut full = 0;
-        for part in list.chunks(usize::from(u16::MAX)) {
-            let mut counters = [0u16; SIDE * SIDE * SIDE];
-            for &entry in part {
-                full += entry % 2;
-                if entry % 2 == 0 {
-                    draw(&mut counters, entry, 1);
-                }
+            block.rough = None;
+            if list.len() > usize::from(u16::MAX) {
+                return here.refresh_many(block, list);
             }
-            sums.iter_mut().zip(&counters).for_each(|(s, &c)| *s += u32::from(c));
+            let zeros = vec![0; SIDE * SIDE * SIDE].into_boxed_slice();
+            let counters = block.counters.insert(zeros.try_into().expect("4,096 counters"));
+            list.retain(|&entry| here.draw(counters, entry, 1));
         }
-        let most = sums.iter().copied().max().unwrap_or(0);
-        let sample = sums.iter().position(|&s| s == most).unwrap_or(0);
-        block.best = (most + full, sample as u16);
+        let (most, sample) = block.counters.as_ref().map_or((0, 0), |c| largest(c));
+        (block.bound, block.sample, block.level) = (u32::from(most) + full(&list), sample, Level::Drawn);
         block.list = Some(list);
-        block.epoch = self.epoch;
     }
 
     /// The sticks are gone from now on.
@@ -310,26 +292,78 @@ impl<'a> Search<'a> {
             let mut pairs = Vec::new();
             self.meet(reach, 0, &mut pairs);
             pairs.iter().any(|&(block, entry)| {
-                let (cube, at) = self.place(block);
-                let (origin, span) = (self.origin(cube, at), span(reach, at));
-                let mut planes = Vec::new();
-                for f in self.cones.facets(reach.stick) {
-                    match f.meets(&origin, &span) {
-                        Meets::Nowhere => return false,
-                        Meets::Everywhere => {}
-                        Meets::Somewhere(plane) => planes.push(plane),
-                    }
-                }
-                entry % 2 == 1 || draw(&mut [0; SIDE * SIDE * SIDE], &planes, &span, 1)
+                entry % 2 == 1 || Here::new(self, block).draw_reach(&mut [0; SIDE * SIDE * SIDE], reach, 1)
             })
         })
     }
 }
 
-impl Block {
-    /// What its best sample can have at most.
-    fn bound(&self) -> u32 {
-        if self.epoch == NEVER { self.count } else { self.best.0 }
+/// Cones whose part of the block is all of it.
+fn full(list: &[u32]) -> u32 {
+    list.iter().map(|entry| entry % 2).sum()
+}
+
+/// A block as the cones see it. What is asked of a cone that holds all of it does nothing and is true.
+struct Here<'a> {
+    cones: &'a Cones,
+    at: [u16; 3],
+    origin: Origin,
+}
+
+impl<'a> Here<'a> {
+    fn new(search: &Search<'a>, number: u32) -> Self {
+        let (cube, at) = search.place(number);
+        Self { cones: search.cones, at, origin: search.origin(cube, at) }
+    }
+
+    /// Adds `by` to the samples of a cone; false where there is none.
+    fn draw(&self, counters: &mut Counters, entry: u32, by: u16) -> bool {
+        if entry % 2 == 1 {
+            return true;
+        }
+        self.draw_reach(counters, &self.cones.reaches[entry as usize / 2], by)
+    }
+
+    fn draw_reach(&self, counters: &mut Counters, reach: &Reach, by: u16) -> bool {
+        let span = span(reach, self.at);
+        let mut planes = [[0.0; 4]; 16];
+        let mut count = 0;
+        for f in self.cones.facets(reach.stick) {
+            match f.meets(&self.origin, &span) {
+                Meets::Nowhere => return false,
+                Meets::Everywhere => {}
+                Meets::Somewhere(plane) => {
+                    planes[count] = plane;
+                    count += 1;
+                }
+            }
+        }
+        draw(counters, &planes[..count], &span, by)
+    }
+
+    /// Adds `by` to the parts that a cone may reach; false where there is none.
+    fn rough(&self, counters: &mut Rough, entry: u32, by: u32) -> bool {
+        if entry % 2 == 1 {
+            return true;
+        }
+        let facets = self.cones.facets(self.cones.reaches[entry as usize / 2].stick);
+        let mut planes = [[0.0; 4]; 16];
+        facets.iter().zip(&mut planes).for_each(|(f, plane)| *plane = f.plane(&self.origin));
+        rough(counters, &planes[..facets.len()], by)
+    }
+
+    /// A block with more cones than a counter can count: in parts, and without keeping the counters.
+    fn refresh_many(&self, block: &mut Block, list: Vec<u32>) {
+        let mut sums = vec![0u32; SIDE * SIDE * SIDE];
+        for part in list.chunks(usize::from(u16::MAX)) {
+            let mut counters = [0u16; SIDE * SIDE * SIDE];
+            part.iter().for_each(|&entry| _ = self.draw(&mut counters, entry, 1));
+            sums.iter_mut().zip(&counters).for_each(|(s, &c)| *s += u32::from(c));
+        }
+        let most = sums.iter().copied().fold(0, u32::max);
+        block.sample = first_place(&sums, most);
+        (block.bound, block.level) = (most + full(&list), Level::Drawn);
+        block.list = Some(list);
     }
 }
 
