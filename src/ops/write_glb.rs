@@ -1,13 +1,18 @@
 //! Write a mesh or impostors as one GLB.
 //!
-//! In:     triangles with a feature number on every vertex, or quads with an atlas: these come out unlit, with their
-//!         picture inside, `extras` of the scene say how far off they may be and from where that is below a pixel.
-//! Out:    one file: y up, a primitive and a quiet colour for each part of the mesh, features by EXT_mesh_features,
-//!         their `id` and attributes by EXT_structural_metadata. No normals: vertices stay shared, so what is
-//!         watertight stays so, and viewers shade flat. Positions are f32 around the middle of the mesh in whole
-//!         kilometres, which is the node's translation.
-//! Errors: more than 4 GiB, which GLB cannot say. Cost: O(vertices), the file in memory.
-//! Source: glTF 2.0 and the two extensions.
+//! In:     triangles with a feature number on every vertex, with or without looks; or quads with an atlas.
+//! Out:    one file, y up. Positions are f32 around the middle of the mesh in whole kilometres, which is the translation.
+//!         A mesh without looks: a primitive and a quiet colour for each part, features by EXT_mesh_features, their `id`
+//!         and attributes by EXT_structural_metadata. No normals: vertices stay shared, so what is watertight stays so,
+//!         and viewers shade flat.
+//!         A mesh with looks: a node for each feature; materials (base colour, alpha, both sides), pictures byte for byte
+//!         (WebP by EXT_texture_webp), wrapping, colours, normals and picture places of vertices. `read-mesh` makes
+//!         the same mesh of it. Attributes, where there are any, as above. A part without a material gets a quiet one.
+//!         Impostors: unlit, with their picture inside; `extras` of the scene say how far off they may be and from where
+//!         that is below a pixel.
+//! Errors: more than 4 GiB, which GLB cannot say. Told: numbers that are none, normals of a part of a triangle's corners.
+//! Cost: O(vertices), the file in memory.
+//! Source: glTF 2.0 and the three extensions.
 
 use crate::artifact::files::{self, File};
 use crate::artifact::{Files, Impostors, Mesh};
@@ -16,7 +21,7 @@ use crate::io::gltf;
 use crate::op::{Ctx, Op};
 
 crate::params! {
-    /// One GLB with feature ids.
+    /// One GLB with looks and feature ids.
     pub struct WriteGlb {
         /// The file, below the output folder.
         #[schemars(extend("x-required" = true, "x-output" = "file"))]
@@ -36,16 +41,18 @@ crate::inputs! {
 
 impl Op for WriteGlb {
     const NAME: &'static str = "write-glb";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = In;
     type Out = Files;
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Files> {
-        let bytes = match &input.model {
+        let written = match &input.model {
             Model::Mesh(mesh) => gltf::mesh(mesh)?,
-            Model::Impostors(quads) => gltf::impostors::glb(quads)?,
+            Model::Impostors(quads) => gltf::impostors::glb(quads)?.into(),
         };
-        let blob = ctx.blobs.put(&bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
+        written.told.iter().for_each(|sentence| ctx.report.warn(sentence.clone()));
+        let blob =
+            ctx.blobs.put(&written.bytes).map_err(|e| Diagnostic::error("io", format!("cannot keep the file: {e}")))?;
         Ok(Files { files: vec![File { path: files::below(&self.path, ""), blob, last: false }] })
     }
 }

@@ -5,6 +5,7 @@
 //! Source: glTF 2.0 sections 3.7 and 4.4, the three extensions' pages.
 
 pub mod impostors;
+pub mod painted;
 pub mod table;
 
 use std::borrow::Cow;
@@ -127,13 +128,18 @@ pub fn glb(model: &Model) -> Vec<u8> {
 }
 
 /// The parts' quiet colours; roofs lighter than walls, so that blocks read from above.
-fn material(name: &str) -> Value {
-    let colour = match name {
+fn quiet_colour(name: &str) -> [f32; 3] {
+    match name {
         "roof" => [0.72, 0.68, 0.62],
         "ground" => [0.36, 0.36, 0.36],
         "wall" => [0.52, 0.50, 0.47],
         _ => [0.60, 0.60, 0.60],
-    };
+    }
+}
+
+fn material(name: &str) -> Value {
+    // The shortest text of each.
+    let colour = quiet_colour(name).map(|c| (f64::from(c) * 100.0).round() / 100.0);
     json!({
         "name": name,
         "pbrMetallicRoughness": {
@@ -216,19 +222,23 @@ impl<'a> Builder<'a> {
     }
 
     fn triangles(&mut self, part: &'a Part) -> usize {
-        // 65,535 itself is the restart mark.
-        let narrow = part.vertices.len() <= 65_535;
-        let bytes: Cow<[u8]> = if narrow {
-            let mut out = Vec::with_capacity(6 * part.triangles.len());
-            part.triangles.iter().for_each(|t| out.extend_from_slice(bytemuck::bytes_of(&t.map(|i| i as u16))));
-            Cow::Owned(out)
-        } else {
-            Cow::Borrowed(bytemuck::cast_slice(&part.triangles))
-        };
+        let bytes = narrow(&part.triangles, part.vertices.len());
+        let wide = || Cow::Borrowed(bytemuck::cast_slice(&part.triangles));
+        self.indices(bytes.is_some(), 3 * part.triangles.len(), bytes.map_or_else(wide, Cow::Owned))
+    }
+
+    /// The same for triangles that do not live as long as the file.
+    fn corners(&mut self, triangles: &[[u32; 3]], vertices: usize) -> usize {
+        let bytes = narrow(triangles, vertices);
+        let wide = || bytemuck::cast_slice(triangles).to_vec();
+        self.indices(bytes.is_some(), 3 * triangles.len(), Cow::Owned(bytes.unwrap_or_else(wide)))
+    }
+
+    fn indices(&mut self, narrow: bool, count: usize, bytes: Cow<'a, [u8]>) -> usize {
         let view = self.view(&[("target", 34963)], bytes);
         self.accessors.push(json!({
             "bufferView": view, "byteOffset": 0, "componentType": if narrow { 5123 } else { 5125 },
-            "count": 3 * part.triangles.len(), "type": "SCALAR",
+            "count": count, "type": "SCALAR",
         }));
         self.accessors.len() - 1
     }
@@ -261,16 +271,51 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// A mesh as one GLB: a primitive for each of its parts, the features' ids as `id`, their attributes beside them.
-/// Vertices stay shared (no normals), so that what is watertight stays so. Positions are kept relative to the middle
-/// of the mesh in whole kilometres; the node's translation puts them back.
-pub fn mesh(mesh: &Mesh) -> Result<Vec<u8>> {
+/// Indices in two bytes each, where they fit; 65,535 itself is the restart mark.
+fn narrow(triangles: &[[u32; 3]], vertices: usize) -> Option<Vec<u8>> {
+    (vertices <= 65_535).then(|| {
+        let mut out = Vec::with_capacity(6 * triangles.len());
+        triangles.iter().for_each(|t| out.extend_from_slice(bytemuck::bytes_of(&t.map(|i| i as u16))));
+        out
+    })
+}
+
+/// A file, and sentences on what of the mesh it does not hold.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Written {
+    pub bytes: Vec<u8>,
+    pub told: Vec<String>,
+}
+
+impl From<Vec<u8>> for Written {
+    fn from(bytes: Vec<u8>) -> Self {
+        Self { bytes, told: Vec::new() }
+    }
+}
+
+/// A mesh as one GLB: with its looks where it has any ([`painted`]), else in quiet colours ([`plain`]). Positions are kept
+/// relative to the middle of the mesh in whole kilometres; the nodes' translation puts them back.
+pub fn mesh(mesh: &Mesh) -> Result<Written> {
     let (low, high) = bounds(&mesh.positions);
     let origin = if mesh.positions.is_empty() {
         [0.0; 3]
     } else {
-        [0, 1, 2].map(|k| ((low[k] + high[k]) / 2000.0).round() * 1000.0)
+        [0, 1, 2].map(|k| ((low[k] + high[k]) / 2000.0).round() * 1000.0 + 0.0)
     };
+    let written = match mesh.surface == Default::default() {
+        true => plain(mesh, origin).into(),
+        false => painted::glb(mesh, origin),
+    };
+    let bytes = written.bytes.len();
+    if u32::try_from(bytes).is_err() {
+        return Err(Diagnostic::error("too-large", format!("a GLB holds 4 GiB, this one would be {bytes} bytes")));
+    }
+    Ok(written)
+}
+
+/// A primitive for each part of the mesh, the features' ids as `id`, their attributes beside them. Vertices stay shared
+/// (no normals), so that what is watertight stays so.
+fn plain(mesh: &Mesh, origin: [f64; 3]) -> Vec<u8> {
     let vertex = |i: u32| {
         let p = mesh.positions[i as usize];
         Vertex::new([0, 1, 2].map(|k| (p[k] - origin[k]) as f32), [0; 3], mesh.features[i as usize])
@@ -296,14 +341,7 @@ pub fn mesh(mesh: &Mesh) -> Result<Vec<u8>> {
     let ids = Values::Text(mesh.feature_ids.clone());
     let own = [Column { name: "id".into(), values: ids, present: vec![true; features] }];
     let attributes = &mesh.attributes.columns;
-    let bytes = glb(&Model { parts: &parts, normals: false, features, own: &own, attributes, origin });
-    if u32::try_from(bytes.len()).is_err() {
-        return Err(Diagnostic::error(
-            "too-large",
-            format!("a GLB holds 4 GiB, this one would be {} bytes", bytes.len()),
-        ));
-    }
-    Ok(bytes)
+    glb(&Model { parts: &parts, normals: false, features, own: &own, attributes, origin })
 }
 
 fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
@@ -365,7 +403,7 @@ mod tests {
     #[test]
     fn mesh_and_back() {
         let mesh = block();
-        let bytes = super::mesh(&mesh).unwrap();
+        let bytes = super::mesh(&mesh).unwrap().bytes;
         let (json, bin) = json_of(&bytes);
         // EXT_structural_metadata: the second chunk's bytes begin at a multiple of 8.
         assert_eq!((bytes.len() - bin.len()) % 8, 0);
@@ -398,9 +436,9 @@ mod tests {
             surface: Default::default(),
             ..block()
         };
-        let (json, bin) = json_of(&super::mesh(&mesh).unwrap());
+        let (json, bin) = json_of(&super::mesh(&mesh).unwrap().bytes);
         assert!(json.get("meshes").is_none() && bin.is_empty());
-        gltf::Gltf::from_slice(&super::mesh(&mesh).unwrap()).unwrap();
+        gltf::Gltf::from_slice(&super::mesh(&mesh).unwrap().bytes).unwrap();
     }
 
     #[test]
