@@ -8,15 +8,19 @@ use serde_json::json;
 use super::engine::{self, Place};
 use super::{Globals, Outcome, Stop, Target};
 use crate::artifact::{
-    AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Impostors, Landmarks, Lines, Mesh,
+    AnyArtifact, Artifact, Buildings, Dendrogram, Footprints, Hulls, Impostors, Landmarks, Lines, Mesh, PlaneTiles,
+    Voxels,
 };
 use crate::diag::{Diagnostic, Note, Result};
-use crate::io::{cityjson, csv, geojson, gltf, svg, views};
+use crate::io::gltf::Written;
+use crate::io::picture::Level;
+use crate::io::{cityjson, csv, geojson, gltf, plane_tiles, svg, views, voxels};
 use crate::run::executor::decode;
 use crate::run::record::Record;
 use crate::run::store::Store;
 
 #[derive(clap::Args)]
+#[command(after_help = known_formats())]
 pub struct Args {
     #[command(flatten)]
     target: Target,
@@ -34,8 +38,10 @@ pub struct Args {
 struct Format {
     kind: &'static str,
     extension: &'static str,
-    write: fn(&dyn AnyArtifact) -> Result<Vec<u8>>,
+    write: Write,
 }
+
+type Write = fn(&dyn AnyArtifact) -> Result<Written>;
 
 macro_rules! formats {
     ($($kind:ident $extension:literal $write:path,)*) => {
@@ -43,7 +49,7 @@ macro_rules! formats {
         static FORMATS: &[Format] = &[$(Format {
             kind: $kind::KIND.name,
             extension: $extension,
-            write: |any| $write(any.as_any().downcast_ref::<$kind>().expect("chosen by kind")),
+            write: |any| $write(any.as_any().downcast_ref::<$kind>().expect("chosen by kind")).map(Written::from),
         }),*];
     };
 }
@@ -56,12 +62,46 @@ formats! {
     Hulls ".geojson" geojson::hulls,
     Hulls ".svg" svg::hulls,
     Impostors ".glb" gltf::impostors::glb,
-    Impostors ".png" views::impostors,
+    Impostors ".png" impostor_sheet,
     Landmarks ".csv" csv::landmarks,
     Lines ".geojson" geojson::lines,
     Lines ".svg" svg::lines,
     Mesh ".glb" gltf::mesh,
-    Mesh ".png" views::sheet,
+    Mesh ".png" mesh_sheet,
+    PlaneTiles ".glb" plane_tiles::glb,
+    PlaneTiles ".json" plane_tiles::json,
+    PlaneTiles ".png" tile_sheet,
+    Voxels ".json" voxels::json,
+    Voxels ".npy" voxels::npy,
+}
+
+fn impostor_sheet(of: &Impostors) -> Result<Vec<u8>> {
+    views::impostors(of).and_then(packed)
+}
+
+fn mesh_sheet(of: &Mesh) -> Result<Vec<u8>> {
+    views::sheet(of).and_then(packed)
+}
+
+fn tile_sheet(of: &PlaneTiles) -> Result<Vec<u8>> {
+    plane_tiles::sheet(of).and_then(packed)
+}
+
+/// Pictures that people keep are packed as well as one can.
+fn packed(png: Vec<u8>) -> Result<Vec<u8>> {
+    let small =
+        Level::decode(&png).map_err(|why| Diagnostic::error("bad-picture", format!("the picture {why}")))?.small_png();
+    Ok(if small.len() < png.len() { small } else { png })
+}
+
+/// A line for each kind, for `--help`.
+fn known_formats() -> String {
+    let mut out = String::from("Formats, by the kind of the node's result (`lodge ops` names it):\n");
+    for group in FORMATS.chunk_by(|a, b| a.kind == b.kind) {
+        let all: Vec<&str> = group.iter().map(|f| f.extension).collect();
+        out += &format!("  {:12}{}\n", group[0].kind, all.join(", "));
+    }
+    out
 }
 
 impl Args {
@@ -78,13 +118,14 @@ impl Args {
             let done = outcome.nodes.iter().find(|n| n.index == asked).and_then(|n| n.record.clone());
             let Some(record) = done else { return Err(engine::failure(&outcome, exit)) };
             let store = engine::store(&place)?;
-            let bytes = match write {
+            let written = match write {
                 Some(write) => decode(&store, &record.kind, &record.digest).map(|artifact| write(&*artifact)),
-                None => rejects(&store, &record).map(|notes| Ok(csv::rejects(&notes))),
+                None => rejects(&store, &record).map(|notes| Ok(csv::rejects(&notes).into())),
             };
-            match bytes {
-                Some(bytes) => {
-                    let bytes = bytes?;
+            match written {
+                Some(written) => {
+                    let Written { bytes, told } = written?;
+                    told.iter().for_each(|sentence| eprintln!("warning: {sentence}"));
                     engine::write_file(&self.output, &bytes)?;
                     if globals.json {
                         let path = self.output.display().to_string();
@@ -106,7 +147,7 @@ impl Args {
     }
 }
 
-fn choose(kind: &str, path: &Path) -> Result<fn(&dyn AnyArtifact) -> Result<Vec<u8>>, Stop> {
+fn choose(kind: &str, path: &Path) -> Result<Write, Stop> {
     let name = path.file_name().map_or(String::new(), |n| n.to_string_lossy().to_lowercase());
     let fits = |f: &&Format| f.kind == kind && name.ends_with(f.extension);
     if let Some(format) = FORMATS.iter().find(fits) {

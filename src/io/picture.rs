@@ -49,14 +49,7 @@ pub fn screen(light: f32) -> u8 {
 impl Picture {
     /// The picture in a file's bytes, or why it cannot be read.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let level = if bytes.starts_with(b"\x89PNG") {
-            png(bytes)?
-        } else if bytes.starts_with(b"\xff\xd8") {
-            jpeg(bytes)?
-        } else {
-            webp(bytes)?
-        };
-        Ok(Self::of(level))
+        Level::decode(bytes).map(Self::of)
     }
 
     /// With its smaller copies: means of light, weighted by alpha.
@@ -115,6 +108,17 @@ fn wrapped(i: i64, n: i64, wrap: Wrap) -> usize {
 }
 
 impl Level {
+    /// The picture in a file's bytes, or why it cannot be read.
+    pub fn decode(bytes: &[u8]) -> Result<Self, String> {
+        if bytes.starts_with(b"\x89PNG") {
+            png(bytes)
+        } else if bytes.starts_with(b"\xff\xd8") {
+            jpeg(bytes)
+        } else {
+            webp(bytes)
+        }
+    }
+
     fn half(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let table = linear();
@@ -164,6 +168,32 @@ impl Level {
         writer.write_image_data(self.texels.as_flattened()).expect("as many texels as the header says");
         writer.finish().expect("into memory");
         out
+    }
+}
+
+impl Level {
+    /// As PNG, slower and smaller: without alpha where all is opaque, rows as they are (pictures of flat colours) or as
+    /// differences, whichever is less.
+    pub fn small_png(&self) -> Vec<u8> {
+        let opaque = self.texels.iter().all(|t| t[3] == 255);
+        let (colour, bytes) = match opaque {
+            true => (::png::ColorType::Rgb, self.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect()),
+            false => (::png::ColorType::Rgba, self.texels.as_flattened().to_vec()),
+        };
+        let one = |filter: ::png::Filter| {
+            let mut out = Vec::new();
+            let mut encoder = ::png::Encoder::new(&mut out, self.width, self.height);
+            encoder.set_color(colour);
+            encoder.set_depth(::png::BitDepth::Eight);
+            encoder.set_compression(::png::Compression::High);
+            encoder.set_filter(filter);
+            let mut writer = encoder.write_header().expect("a header of sane numbers");
+            writer.write_image_data(&bytes).expect("as many texels as the header says");
+            writer.finish().expect("into memory");
+            out
+        };
+        let [plain, adaptive] = [::png::Filter::NoFilter, ::png::Filter::Adaptive].map(one);
+        if plain.len() <= adaptive.len() { plain } else { adaptive }
     }
 }
 
@@ -226,6 +256,9 @@ mod tests {
         let level = Level { width: 3, height: 2, texels };
         let picture = Picture::decode(&level.png()).unwrap();
         assert_eq!(picture.levels[0], level);
+        assert_eq!(Level::decode(&level.small_png()).unwrap(), level);
+        let opaque = Level { texels: level.texels.iter().map(|t| [t[0], t[1], t[2], 255]).collect(), ..level.clone() };
+        assert_eq!(Level::decode(&opaque.small_png()).unwrap(), opaque);
         assert_eq!(picture.levels.iter().map(|l| (l.width, l.height)).collect::<Vec<_>>(), [(3, 2), (2, 1), (1, 1)]);
         for n in 0..level.png().len() - 12 {
             assert!(Picture::decode(&level.png()[..n]).is_err(), "{n}");
