@@ -47,6 +47,12 @@ pub fn glb(mesh: &Mesh, origin: [f64; 3]) -> Written {
     if out.odd > 0 {
         told.push(format!("{} numbers of picture places, colours or normals are none; 0 is written", out.odd));
     }
+    if out.looks.beyond > 0 {
+        told.push(format!(
+            "{} numbers of base colours are not between 0 and 1; the nearest is written",
+            out.looks.beyond
+        ));
+    }
     if half_normals > 0 {
         told.push(format!("{half_normals} triangles have normals at some corners only; they are written without"));
     }
@@ -233,6 +239,8 @@ struct Looks {
     textures: Vec<Value>,
     texture_of: Vec<Texture>,
     samplers: Vec<Value>,
+    /// Numbers of base colours that are not between 0 and 1.
+    beyond: usize,
 }
 
 impl Looks {
@@ -261,7 +269,9 @@ impl Looks {
     fn value(&mut self, of: &Material) -> Value {
         let mut base = json!({ "metallicFactor": 0.0, "roughnessFactor": 1.0 });
         if of.base_colour != [1.0; 4] {
-            base["baseColorFactor"] = json!(of.base_colour.map(f64::from));
+            // Some writers round beyond 1.
+            self.beyond += of.base_colour.iter().filter(|c| !(0.0..=1.0).contains(*c)).count();
+            base["baseColorFactor"] = json!(of.base_colour.map(|c| f64::from(c.max(0.0).min(1.0))));
         }
         if let Some(texture) = of.texture {
             base["baseColorTexture"] = json!({ "index": self.number(texture) });
@@ -407,6 +417,10 @@ mod tests {
         assert_eq!(read(&super::super::mesh(&once).unwrap().bytes).positions, once.positions);
     }
 
+    fn material(name: &str, base_colour: [f32; 4]) -> Material {
+        Material { name: name.into(), base_colour, ..Material::default() }
+    }
+
     #[test]
     fn without_materials_and_with_odd_numbers() {
         let mut mesh = all();
@@ -414,13 +428,15 @@ mod tests {
         mesh.primitives.iter_mut().for_each(|p| p.material = None);
         mesh.surface.normals[1] = [0.0; 3];
         mesh.surface.colours[7][2] = f32::NAN;
+        mesh.surface.materials = vec![material("paint", [1.000_000_1, 0.5, 0.5, 1.0])];
+        mesh.primitives[0].material = Some(0);
         let written = super::super::mesh(&mesh).unwrap();
-        assert_eq!(written.told.len(), 2, "{:?}", written.told);
+        assert_eq!(written.told.len(), 3, "{:?}", written.told);
         let back = read(&written.bytes);
         assert_eq!(back.triangles.len(), 3);
         let looks: Vec<_> =
             back.surface.materials.iter().map(|m| (&*m.name, m.base_colour[0], m.double_sided)).collect();
-        assert_eq!(looks, [("paint", 0.6, true), ("leaf", 0.6, true), ("bare", 1.0, true)]);
+        assert_eq!(looks, [("paint", 1.0, false), ("leaf", 0.6, true), ("bare", 1.0, true)]);
         // Nothing at all is a file too.
         mesh.triangles.clear();
         mesh.primitives.clear();
