@@ -15,8 +15,9 @@ const [schemas, citySchemas, ...folders] = process.argv.slice(2);
 const walk = (at) => statSync(at).isDirectory()
   ? readdirSync(at).sort().flatMap((name) => walk(join(at, name))) : [at];
 
-// Extensions that the validator only knows by name; anything it says beside that is ours.
-const UNKNOWN = new Set(['UNSUPPORTED_EXTENSION', 'UNUSED_OBJECT']);
+// Extensions that the validator only knows by name, and sizes of pictures that are kept as they came; anything it says
+// beside that is ours.
+const UNKNOWN = new Set(['UNSUPPORTED_EXTENSION', 'UNUSED_OBJECT', 'IMAGE_NPOT_DIMENSIONS']);
 let bad = 0;
 const wrong = (file, what) => { if (bad++ < 20) console.log(`${file}: ${what}`); };
 

@@ -45,7 +45,11 @@ fn every_stage_of_an_impostor_is_exported() {
     let export = |node: &str, file: &str| {
         let done = place.lodge(&["export", "p.toml", node, "-o", file]);
         assert_eq!(done.status.code(), Some(0), "{done:?}");
-        std::fs::read(place.path(file)).unwrap()
+        let bytes = std::fs::read(place.path(file)).unwrap();
+        if file.ends_with(".glb") {
+            std::fs::write(kept().join(format!("brick-{file}")), &bytes).unwrap();
+        }
+        bytes
     };
     let json = |bytes: &[u8]| serde_json::from_slice::<Value>(bytes).unwrap();
     let show = |node: &str| place.lodge_json(&["show", "p.toml", node])["summary"].clone();
@@ -109,6 +113,13 @@ fn every_stage_of_an_impostor_is_exported() {
     assert!(help.contains("Voxels      .json, .npy") && help.contains("PlaneTiles  .glb, .json, .png"), "{help}");
 }
 
+/// GLB for `.ci/validate.sh`.
+fn kept() -> std::path::PathBuf {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("tilesets/meshes");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
 fn gltf_of(bytes: &[u8]) -> Mesh {
     let report = Report::default();
     let files = Files { name: "a.glb", bytes, beside: &|_| None, warn: &|w| panic!("{w}") };
@@ -125,8 +136,6 @@ fn meshes_there_and_back() {
         files.push(data.join("meshes/toy_car/ToyCar.gltf"));
     }
     files.sort();
-    let kept = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("tilesets/meshes");
-    std::fs::create_dir_all(&kept).unwrap();
     for path in files {
         let name = path.file_name().unwrap().to_str().unwrap();
         let place = Place::new();
@@ -136,7 +145,7 @@ fn meshes_there_and_back() {
         let bytes = std::fs::read(place.path("out/p/a.glb")).unwrap();
         let mesh = gltf_of(&bytes);
         let again = gltf::mesh(&mesh).unwrap().bytes;
-        std::fs::write(kept.join(format!("{name}.glb")), &again).unwrap();
+        std::fs::write(kept().join(format!("{name}.glb")), &again).unwrap();
         let mut back = gltf_of(&again);
         // Unit normals are made unit again: the last bit may differ.
         assert_eq!(back.surface.normals.len(), mesh.surface.normals.len(), "{name}");
