@@ -73,24 +73,40 @@ fn the_town_is_published() {
     }
 }
 
-/// README opens with what lodge draws today. With `LODGE_UPDATE=1` they are drawn anew.
+/// README shows what lodge draws today. With `LODGE_UPDATE=1` its pictures are drawn anew.
 #[test]
 fn the_pictures_of_readme_are_as_lodge_draws_them() {
     let home = tempfile::tempdir().unwrap();
-    let town = root().join("pipelines/town.toml");
-    for (node, name) in [
-        ("footprints", "town-buildings.svg"),
-        ("districts[clusters=600]", "town-600.svg"),
-        ("districts[clusters=40]", "town-40.svg"),
+    for (pipeline, node, name) in [
+        ("town", "footprints", "town-buildings.svg"),
+        ("town", "districts[clusters=600]", "town-600.svg"),
+        ("town", "districts[clusters=40]", "town-40.svg"),
+        ("impostor", "impostor[resolution=128]", "pavilion-128.png"),
     ] {
         let (picture, drawn) = (root().join("pipelines/pictures").join(name), home.path().join(name));
-        let output = lodge(home.path()).arg("export").arg(&town).args([node, "-o", name]).output().unwrap();
+        let pipeline = root().join(format!("pipelines/{pipeline}.toml"));
+        let output = lodge(home.path()).arg("export").arg(&pipeline).args([node, "-o", name]).output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{}", text(&output));
         if std::env::var_os("LODGE_UPDATE").is_some() {
             std::fs::copy(&drawn, &picture).unwrap();
         }
-        assert!(std::fs::read(&drawn).unwrap() == std::fs::read(&picture).unwrap(), "{name} is of another day");
+        let (drawn, shown) = (std::fs::read(&drawn).unwrap(), std::fs::read(&picture).unwrap_or_default());
+        assert!(drawn == shown, "{name} is of another day: LODGE_UPDATE=1 cargo test --test pipelines");
+        assert!(shown.len() < 600_000, "{name} is to stay small: {} bytes", shown.len());
     }
+}
+
+#[test]
+fn a_file_for_each_resolution() {
+    let home = tempfile::tempdir().unwrap();
+    let pipeline = root().join("pipelines/impostor.toml");
+    let set = ["--set", "node.voxels.matrix.resolution=[12, 16]"];
+    let output = lodge(home.path()).arg("run").arg(pipeline).args(set).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    let mut names: Vec<_> =
+        std::fs::read_dir(home.path().join("out/impostor")).unwrap().map(|e| e.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["impostor-12.glb", "impostor-16.glb"]);
 }
 
 /// The life of a snapshot: new, accepted, the same, different, rejected.

@@ -16,7 +16,7 @@ fn bytes_change_only_with_the_version() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let golden = root.join("tests/versions.tsv");
     let mut found = String::new();
-    for name in ["city", "city-barriers", "city-cityjson", "town"] {
+    for name in ["city", "city-barriers", "city-cityjson", "impostor", "town"] {
         let graph = Graph::load(&root.join(format!("pipelines/{name}.toml")), &[], &lodge::ops::ALL);
         let graph = Arc::new(graph.unwrap_or_else(|e| panic!("{name}: {e:?}")));
         let cache = tempfile::tempdir().unwrap();
