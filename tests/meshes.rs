@@ -102,6 +102,10 @@ fn every_stage_of_an_impostor_is_exported() {
         assert!(export(node, file).starts_with(b"\x89PNG"));
     }
     assert_eq!(gltf_of(&export("statue", "a.glb")).triangles.len(), 12);
+    for file in ["a.obj", "a.ply"] {
+        let found = mesh_of(file, &export("statue", file));
+        assert_eq!((found.triangles.len(), found.positions.len()), (12, 8), "{file}");
+    }
     let drawn = show("quads")["quads"].as_u64().unwrap() as usize;
     assert_eq!(gltf_of(&export("quads", "c.glb")).triangles.len(), 2 * drawn);
 
@@ -121,8 +125,12 @@ fn kept() -> std::path::PathBuf {
 }
 
 fn gltf_of(bytes: &[u8]) -> Mesh {
+    mesh_of("a.glb", bytes)
+}
+
+fn mesh_of(name: &str, bytes: &[u8]) -> Mesh {
     let report = Report::default();
-    let files = Files { name: "a.glb", bytes, beside: &|_| None, warn: &|w| panic!("{w}") };
+    let files = Files { name, bytes, beside: &|_| None, warn: &|w| panic!("{w}") };
     mesh::read(&files, None, &mut Ledger::new(&report)).unwrap()
 }
 

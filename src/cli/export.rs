@@ -14,7 +14,7 @@ use crate::artifact::{
 use crate::diag::{Diagnostic, Note, Result};
 use crate::io::gltf::Written;
 use crate::io::picture::Level;
-use crate::io::{cityjson, csv, geojson, gltf, plane_tiles, svg, views, voxels};
+use crate::io::{cityjson, csv, geojson, gltf, mesh, plane_tiles, svg, views, voxels};
 use crate::run::executor::decode;
 use crate::run::record::Record;
 use crate::run::store::Store;
@@ -67,6 +67,8 @@ formats! {
     Lines ".geojson" geojson::lines,
     Lines ".svg" svg::lines,
     Mesh ".glb" gltf::mesh,
+    Mesh ".obj" mesh::write::obj,
+    Mesh ".ply" mesh::write::ply,
     Mesh ".png" mesh_sheet,
     PlaneTiles ".glb" plane_tiles::glb,
     PlaneTiles ".json" plane_tiles::json,

@@ -10,6 +10,7 @@ mod primitive;
 mod scene;
 mod stl;
 mod weld;
+pub mod write;
 
 use super::ledger::Ledger;
 use crate::artifact::Mesh;
