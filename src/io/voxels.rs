@@ -70,7 +70,8 @@ mod tests {
         let mut found: Vec<[usize; 3]> =
             (0..data.len()).filter(|&i| data[i] == 1).map(|i| [i % 70, i / 70 % 70, i / 4900]).collect();
         let mut want = black.to_vec();
-        (found.sort(), want.sort());
+        found.sort();
+        want.sort();
         assert_eq!(found, want);
         assert!(data.iter().all(|&b| b < 2));
 

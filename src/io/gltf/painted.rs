@@ -271,7 +271,7 @@ impl Looks {
         if of.base_colour != [1.0; 4] {
             // Some writers round beyond 1.
             self.beyond += of.base_colour.iter().filter(|c| !(0.0..=1.0).contains(*c)).count();
-            base["baseColorFactor"] = json!(of.base_colour.map(|c| f64::from(c.max(0.0).min(1.0))));
+            base["baseColorFactor"] = json!(of.base_colour.map(|c| if c > 0.0 { f64::from(c.min(1.0)) } else { 0.0 }));
         }
         if let Some(texture) = of.texture {
             base["baseColorTexture"] = json!({ "index": self.number(texture) });
