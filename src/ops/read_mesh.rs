@@ -4,16 +4,16 @@
 //!         buffers, material libraries, pictures of base colours.
 //! Out:    triangles, z up, in the file's unit (metres, one hopes), around its own origin; base colours, pictures as they
 //!         came, colours and normals of vertices. A feature is a node of glTF, an object or group of OBJ, a solid of STL.
-//!         Polygons are cut into triangles; points and lines are filtered. Vertices of no triangle are left out, equal
-//!         corners of STL become one. Skinned meshes stand as their joints do, morphed ones have no weights.
+//!         Polygons are cut into triangles; points and lines are filtered, and triangles that are there 16 times already, to
+//!         the last bit (material, corners, their order). Vertices of no triangle are left out, equal corners of STL become one. Skinned meshes stand as their joints do, morphed ones have no weights.
 //! Errors: a file that is none of these, ends early, or contradicts itself; Draco, meshopt and KTX2, with a remedy; more
 //!         than 2^26 vertices or corners, or 2^32 bytes; no triangle left, too many rejects. Triangles with an index
-//!         beyond the vertices or a corner that is no finite number are rejected and counted; the first 10,000 are
-//!         listed. A library or picture that is not there is told, and what it paints is white. Files outside the
-//!         file's folder are not read: who made the file must not choose among the reader's.
+//!         beyond the vertices, or a corner that is no finite number or beyond 10^30, are rejected and counted; the first
+//!         10,000 are listed. A library or picture that is not there is told, and what it paints is white. Files outside
+//!         the file's folder are not read: who made the file must not choose among the reader's.
 //! Facts:  read, accepted, rejected, filtered: triangles (of what is filtered whole points, lines or primitives);
 //!         filtered_by_type, rejected_by_cause, repaired_by_cause.
-//! Cost:   linear; the file and the mesh in memory.
+//! Cost:   O(n log n); the file and the mesh in memory.
 //! Source: glTF 2.0; Wavefront's OBJ and MTL; Turk's PLY; 3D Systems' STL.
 
 use std::io::BufReader;
@@ -81,7 +81,7 @@ const FACTS: [(&str, &str); 6] = {
     all[0].1 = "triangles in the file, and primitives of other kinds: accepted + rejected + filtered";
     all[1].1 = "triangles in the result";
     all[2].1 = "triangles left out because something is wrong with them; listed with place and cause";
-    all[3].1 = "points, lines, or primitives of them";
+    all[3].1 = "points, lines, or primitives of them; triangles that are there 16 times already";
     all[4].1 = "rejected triangles of each cause";
     // No rule repairs.
     [all[0], all[1], all[2], all[3], all[4], all[6]]

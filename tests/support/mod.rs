@@ -1,6 +1,8 @@
 //! What the tests of whole runs share: the binary in a folder of its own, and the files that it published.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub mod scene;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -67,6 +67,12 @@ impl Files<'_> {
 /// More triangles or vertices than that are a mistake, or a bomb: a file of some kilobytes can ask for 10^12.
 pub const MOST: u64 = 1 << 26;
 
+/// More triangles at one place are left out: whoever goes through them meets them all, everywhere.
+pub const MOST_EQUAL: u32 = 16;
+
+/// Corners further out are no places: what is computed of them is infinite soon.
+const FARTHEST: f64 = 1e30;
+
 /// Larger files are not read, packed or not: GLB cannot be larger either.
 pub const MOST_BYTES: u64 = 1 << 32;
 
@@ -174,6 +180,8 @@ impl Draft {
             "an index beyond the vertices"
         } else if corners.iter().any(|&c| self.positions[c as usize].iter().any(|v| !v.is_finite())) {
             "a corner that is no finite number"
+        } else if corners.iter().any(|&c| self.positions[c as usize].iter().any(|v| v.abs() > FARTHEST)) {
+            "a corner beyond 10^30"
         } else {
             ledger.read += 1;
             return self.triangles.push(corners.map(|c| c as u32));
@@ -201,6 +209,40 @@ impl Draft {
     fn material(&mut self, material: Material) -> u32 {
         self.surface.materials.push(material);
         self.surface.materials.len() as u32 - 1
+    }
+
+    /// Leaves out triangles that are there [`MOST_EQUAL`] times already, to the last bit of their corners' places, colours
+    /// and places in pictures.
+    fn drop_repeats(&mut self, ledger: &mut Ledger) {
+        self.pad();
+        let all = &self.surface;
+        let key = |i: usize| {
+            let uv = all.uvs.get(i).map_or([0; 2], |v| v.map(f32::to_bits));
+            let colour = all.colours.get(i).map_or([0; 4], |v| v.map(f32::to_bits));
+            (self.positions[i].map(f64::to_bits), uv, colour)
+        };
+        let keys: Vec<_> = (0..self.positions.len()).map(key).collect();
+        let (number, _) = weld::weld(&keys);
+        let corners: Vec<[u32; 3]> = self.triangles.iter().map(|t| t.map(|v| number[v as usize])).collect();
+        let mut materials = vec![u32::MAX; corners.len()];
+        for p in &self.primitives {
+            let first = p.first_triangle as usize;
+            materials[first..first + p.triangles as usize].fill(p.material.unwrap_or(u32::MAX));
+        }
+        let again = weld::repeated(&corners, |t| materials[t], MOST_EQUAL);
+        if !again.contains(&true) {
+            return;
+        }
+        let mut next = 0;
+        for p in &mut self.primitives {
+            let range = p.first_triangle as usize..(p.first_triangle + p.triangles) as usize;
+            let left = again[range].iter().filter(|a| !**a).count() as u32;
+            (p.first_triangle, p.triangles, next) = (next, left, next + left);
+        }
+        self.primitives.retain(|p| p.triangles > 0);
+        let mut t = 0;
+        self.triangles.retain(|_| (!again[t], t += 1).0);
+        again.iter().filter(|a| **a).for_each(|_| ledger.filter_type("triangles that are there 16 times already"));
     }
 
     /// The mesh: z up, features of equal names numbered, vertices that no triangle has left out.
@@ -278,6 +320,7 @@ pub fn read(files: &Files, up: Option<Up>, ledger: &mut Ledger) -> Result<Mesh> 
     let own = match format(files.bytes) {
         Some(Format::Gltf) => {
             gltf::read(files, &mut draft, ledger)?;
+            draft.drop_repeats(ledger);
             if up == Some(Up::Z) {
                 files.warn("`up` is not heeded: glTF is always y up");
             }
@@ -293,6 +336,7 @@ pub fn read(files: &Files, up: Option<Up>, ledger: &mut Ledger) -> Result<Mesh> 
             return Err(files.broken("this is no mesh, or it ends early").help(known));
         }
     };
+    draft.drop_repeats(ledger);
     Ok(draft.finish(up.unwrap_or(own)))
 }
 

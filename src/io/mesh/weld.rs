@@ -27,11 +27,39 @@ pub fn weld<K: Ord + Copy + Sync>(keys: &[K]) -> (Vec<u32>, Vec<u32>) {
     (number, firsts)
 }
 
+/// Triangles that say nothing new: the same material and corners, the same way round, as `most` earlier ones. `corners`
+/// are numbers of what a viewer cannot tell apart.
+pub fn repeated(corners: &[[u32; 3]], material: impl Fn(usize) -> u32, most: u32) -> Vec<bool> {
+    let keys: Vec<[u32; 4]> = corners
+        .iter()
+        .enumerate()
+        .map(|(t, &[a, b, c])| {
+            let [a, b, c] = if a <= b && a <= c {
+                [a, b, c]
+            } else if b <= c {
+                [b, c, a]
+            } else {
+                [c, a, b]
+            };
+            [material(t), a, b, c]
+        })
+        .collect();
+    let (number, firsts) = weld(&keys);
+    let mut count = vec![0u32; firsts.len()];
+    let again = |&n: &u32| {
+        count[n as usize] += 1;
+        count[n as usize] > most
+    };
+    number.iter().map(again).collect()
+}
+
 #[cfg(test)]
 mod tests {
     #[test]
     fn by_first_appearance() {
         assert_eq!(super::weld(&[7, 3, 7, 9, 3]), (vec![0, 1, 0, 2, 1], vec![0, 1, 3]));
         assert_eq!(super::weld::<u8>(&[]), (vec![], vec![]));
+        let all = [[1, 2, 3], [3, 1, 2], [3, 2, 1], [1, 2, 3], [2, 3, 1]];
+        assert_eq!(super::repeated(&all, |t| t as u32 / 3, 1), [false, true, false, false, true]);
     }
 }
