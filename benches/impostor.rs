@@ -1,13 +1,14 @@
 //! The figures of the impostors' operators on real meshes: `LODGE_DATA=.. cargo bench --bench impostor [-- NAME..]`.
 //!
-//! Names choose: `voxelize`, `winding`, `vote`, `meshes`. Best of three; one thread and two.
+//! Names choose: `voxelize`, `winding`, `vote`, `meshes`, `memory`, `tiles`. Best of three; one thread and two.
 
 mod support;
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use lodge::artifact::{Mesh, Voxels};
+use lodge::artifact::{Mesh, PlaneTiles, Voxels};
+use lodge::io::paint::Paint;
 use lodge::op::{Bench, Inputs, Op, Source};
 use lodge::ops::read_mesh::ReadMesh;
 use lodge::ops::vote_tile::{Stages, VoteTile, vote_tile};
@@ -38,6 +39,52 @@ fn voxels(mesh: &Arc<Mesh>, how: &Voxelize) -> Voxels {
     how.run(&Bench::default().ctx(), Inputs::take(given)).expect("voxels")
 }
 
+/// For each number of tiles, in the order found, the share of a million points, spread over the area, that are within
+/// reach of one of them and look its way: what bake-impostor draws.
+fn drawn(mesh: &Mesh, tiles: &PlaneTiles) -> Vec<f64> {
+    const POINTS: u64 = 1_000_000;
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let paint = Paint::new(mesh);
+    let mut ends = Vec::with_capacity(mesh.triangles.len());
+    let mut sum = 0.0;
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        sum += dot(n, n).sqrt();
+        ends.push(sum);
+    }
+    let reach = tiles.given.reach_cells * tiles.lattice.cell;
+    let planes: Vec<([f64; 3], f64)> = tiles.planes.iter().map(|&w| tiles.lattice.plane(w)).collect();
+    let mut firsts = vec![0u64; planes.len()];
+    for i in 0..POINTS {
+        let at = sum * (i as f64 + 0.5) / POINTS as f64;
+        let t = ends.partition_point(|&e| e <= at).min(ends.len() - 1);
+        let part = |step: u64| (i.wrapping_mul(step) >> 11) as f64 / (1u64 << 53) as f64;
+        let (mut a, mut b) = (part(0xc13f_a9a9_02a6_328f), part(0x91e1_0da5_c79e_7b1d));
+        if a + b > 1.0 {
+            (a, b) = (1.0 - a, 1.0 - b);
+        }
+        let weights = [1.0 - a - b, a, b];
+        let corners = mesh.triangles[t].map(|v| mesh.positions[v as usize]);
+        let p = [0, 1, 2].map(|k| (0..3).map(|c| weights[c] * corners[c][k]).sum());
+        let normal = paint.normal(t, weights);
+        let draws = |(n, offset): &([f64; 3], f64)| dot(*n, normal) > 0.0 && (dot(*n, p) - offset).abs() <= reach;
+        if let Some(first) = planes.iter().position(draws) {
+            firsts[first] += 1;
+        }
+    }
+    let mut all = 0;
+    firsts.iter().map(|n| (all += n, all as f64 / POINTS as f64).1).collect()
+}
+
+/// The process' memory in MB as the system counts it: now (`VmRSS`) or at most (`VmHWM`).
+fn memory(which: &str) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|l| l.starts_with(which));
+    line.and_then(|l| l.split_whitespace().nth(1)?.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
+}
+
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
     let wants = |name: &str| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str()));
@@ -58,11 +105,10 @@ fn main() {
     if wants("winding") {
         let car = read("lamborghini_huracan.glb").expect("checked above");
         let how = Voxelize::default();
-        line(
-            "voxelize winding, car 128, 2 threads",
-            measure(2, || pools[1].install(|| voxels(&car, &how))),
-            String::new(),
-        );
+        for (threads, pool) in pools.iter().enumerate() {
+            let time = measure(2, || pool.install(|| voxels(&car, &how)));
+            line(&format!("voxelize winding, car 128, {} threads", threads + 1), time, String::new());
+        }
     }
     let vote = |name: &str, voxels: &Voxels, how: &VoteTile| {
         for (threads, pool) in pools.iter().enumerate() {
@@ -84,6 +130,37 @@ fn main() {
             let Some(mesh) = read(name) else { return };
             let all = voxels(&mesh, &Voxelize::default());
             vote(&format!("vote-tile both, {name} 128"), &all, &VoteTile::default());
+        }
+    }
+    if wants("memory") {
+        for resolution in [128, 256] {
+            let all = voxels(&buddha, &Voxelize { resolution, fill: Fill::Parity, thin: Thin::Keep });
+            // Asks the system to count the most anew.
+            let anew = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+            let before = memory("VmRSS");
+            let tiles = pools[0].install(|| vote_tile(&all, &VoteTile::default(), || Ok(())).expect("tiles"));
+            let most = memory("VmHWM") - before;
+            println!("memory of vote-tile both, buddha {resolution}: {most:.1} MB ({} tiles, {anew})", tiles.len());
+        }
+    }
+    if wants("tiles") {
+        for resolution in [64, 128] {
+            for thin in [Thin::Thicken, Thin::Keep] {
+                let all = voxels(&buddha, &Voxelize { resolution, thin, ..Voxelize::default() });
+                for min_votes in [8, 4] {
+                    let how = VoteTile { min_votes, ..VoteTile::default() };
+                    let tiles = vote_tile(&all, &how, || Ok(())).expect("tiles");
+                    let shares = drawn(&buddha, &tiles);
+                    let until = |share: f64| match shares.iter().position(|&s| s >= share) {
+                        Some(i) => format!("{share} after {}", i + 1),
+                        None => format!("{share} never"),
+                    };
+                    let last = shares.last().copied().unwrap_or(0.0);
+                    let most = [0.5, 0.8, 0.9, 0.95].map(until).join(", ");
+                    let name = format!("tiles of the buddha at {resolution}, {thin:?}, min-votes {min_votes}");
+                    println!("{name}: {most}; {last:.4} by all {}", tiles.len());
+                }
+            }
         }
     }
 }

@@ -15,6 +15,10 @@ pub trait Work {
 /// Does the work, with AVX2 where the processor has it.
 #[inline]
 pub fn run<W: Work>(work: W) -> W::Out {
+    #[cfg(test)]
+    if tests::NARROW.with(std::cell::Cell::get) {
+        return work.work();
+    }
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has AVX2, which is all that `wide` asks for.
@@ -29,9 +33,22 @@ fn wide<W: Work>(work: W) -> W::Out {
     work.work()
 }
 
+/// `work` on this thread with narrow registers, as on a processor that has no others.
+#[cfg(test)]
+pub fn narrow<T>(work: impl FnOnce() -> T) -> T {
+    tests::NARROW.with(|n| n.set(true));
+    let out = work();
+    tests::NARROW.with(|n| n.set(false));
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    thread_local! {
+        pub static NARROW: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+    }
 
     struct Sum<'a>(&'a [f32]);
     impl Work for Sum<'_> {

@@ -140,6 +140,18 @@ fn the_same_on_any_number_of_threads() {
     assert_eq!(one, with(8));
 }
 
+/// All work on one thread: the switch is the thread's own.
+#[test]
+fn the_same_with_narrow_registers() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for voxels in &shapes(30) {
+        let all = || vote_tile(voxels, &VoteTile { min_votes: 2, ..VoteTile::default() }, || Ok(())).unwrap();
+        let narrow = pool.install(|| crate::geom::wide::narrow(all));
+        assert!(!narrow.is_empty());
+        assert_eq!(pool.install(all), narrow);
+    }
+}
+
 #[test]
 fn nothing_black_nothing_found() {
     let tiles = vote_tile(&grid(6, |_| false), &VoteTile::default(), || Ok(())).unwrap();

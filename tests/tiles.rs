@@ -1,0 +1,165 @@
+//! Voxels and plane tiles of whole meshes: boxes at any turn, thin plates, real meshes with holes, meshes that are hardly
+//! any.
+
+mod support;
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use lodge::artifact::{Mesh, PlaneTiles, Voxels};
+use lodge::diag::Result;
+use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::ops::read_mesh::ReadMesh;
+use lodge::ops::vote_tile::{Stages, VoteTile, vote_tile};
+use lodge::ops::voxelize::{Fill, Thin, Voxelize};
+use support::{read_files, real_data};
+
+/// The lines of an OBJ: a box between two corners, turned.
+fn block(low: [f64; 3], high: [f64; 3], turn: impl Fn([f64; 3]) -> [f64; 3]) -> String {
+    let mut out = String::new();
+    for i in 0..8 {
+        let [x, y, z] = turn([0, 1, 2].map(|k| if i >> k & 1 == 0 { low[k] } else { high[k] }));
+        writeln!(out, "v {x} {y} {z}").unwrap();
+    }
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        writeln!(out, "f {a} {b} {c}\nf {a} {c} {d}").unwrap();
+    }
+    out
+}
+
+fn mesh(obj: &str) -> Arc<Mesh> {
+    Arc::new(read_files::<ReadMesh>("path = \"it.obj\"", &[("it.obj", obj.into())]).0.unwrap())
+}
+
+/// Voxels, and triangles that were rejected.
+fn voxels(mesh: &Arc<Mesh>, how: &Voxelize) -> (Result<Voxels>, usize) {
+    let bench = Bench::default();
+    let out = how.run(&bench.ctx(), Inputs::take(vec![vec![Arc::clone(mesh) as _]]));
+    (out, bench.report.finish().rejects.len())
+}
+
+fn tiles(voxels: &Voxels, how: &VoteTile) -> PlaneTiles {
+    vote_tile(voxels, how, || Ok(())).unwrap()
+}
+
+fn real(name: &str) -> Option<Arc<Mesh>> {
+    let mut bench = Bench::default();
+    bench.sources = vec![Source::of_file(&real_data()?.join("meshes").join(name), None)];
+    let how = ReadMesh { path: name.into(), ..ReadMesh::default() };
+    Some(Arc::new(how.run(&bench.ctx(), Inputs::take(Vec::new())).unwrap()))
+}
+
+#[test]
+fn a_box_at_any_turn_is_six_tiles() {
+    for (i, (s, c)) in [(0.0, 1.0), (0.6, 0.8), (5.0 / 13.0, 12.0 / 13.0), (0.28, 0.96)].into_iter().enumerate() {
+        let turn = |[x, y, z]: [f64; 3]| {
+            let (x, y) = (c * x - s * y, s * x + c * y);
+            [x, c * y - s * z, s * y + c * z]
+        };
+        let body = mesh(&block([0.0; 3], [5.0, 4.0, 3.0], turn));
+        let all = voxels(&body, &Voxelize { resolution: 48, ..Voxelize::default() }).0.unwrap();
+        let tiles = tiles(&all, &VoteTile::default());
+        assert_eq!(tiles.len(), 6, "turn {i}: {:?}", tiles.votes);
+        assert!(tiles.sticks.len() * 100 >= 99 * tiles.given.sticks as usize, "turn {i}");
+    }
+}
+
+#[test]
+fn a_thin_plate_is_two_tiles() {
+    let plate = mesh(&block([0.0; 3], [10.0, 7.0, 0.05], |p| p));
+    let all = voxels(&plate, &Voxelize { resolution: 40, ..Voxelize::default() }).0.unwrap();
+    let found = tiles(&all, &VoteTile { stages: Stages::Both, ..VoteTile::default() });
+    // What is up in an OBJ is y here.
+    let up: Vec<f64> = found.planes.iter().map(|&w| found.lattice.plane(w).0[1]).collect();
+    assert!(up.iter().filter(|z| z.abs() > 0.99).count() == 2 && up[0] * up[1] < 0.0, "{up:?}");
+}
+
+/// Meshes with holes: the two outer layers stay white, and the volume is the same at twice the resolution.
+#[test]
+fn open_meshes_do_not_leak() {
+    for name in ["lamborghini_huracan.glb", "house_scene.glb", "japanese_temple.glb"] {
+        let Some(open) = real(name) else { return };
+        let volume = |resolution: u32| {
+            let how = Voxelize { resolution, fill: Fill::Winding, thin: Thin::Keep };
+            let all = voxels(&open, &how).0.unwrap();
+            let side = all.lattice.side();
+            for i in 0..side * side {
+                for edge in [0, side - 1] {
+                    let (a, b) = (i % side, i / side);
+                    assert!([[edge, a, b], [a, edge, b], [a, b, edge]].iter().all(|&n| !all.is_black(n)), "{name}");
+                }
+            }
+            all.inside() as f64 * all.lattice.cell.powi(3)
+        };
+        let ratio = volume(64) / volume(32);
+        assert!((0.7..1.4).contains(&ratio), "{name}: {ratio}");
+    }
+}
+
+#[test]
+fn two_fills_agree_on_closed_meshes() {
+    let body = mesh(&block([0.1, 0.2, 0.3], [4.0, 3.0, 2.5], |[x, y, z]| [0.8 * x - 0.6 * y, 0.6 * x + 0.8 * y, z]));
+    let mut bodies = vec![body];
+    bodies.extend(real("happy_buddha_100k.obj.gz"));
+    for body in bodies {
+        let of = |fill| voxels(&body, &Voxelize { resolution: 48, fill, thin: Thin::Keep }).0.unwrap().black;
+        assert!(of(Fill::Winding) == of(Fill::Parity));
+    }
+}
+
+#[test]
+fn a_real_mesh_on_one_thread_and_on_two() {
+    let Some(car) = real("lamborghini_huracan.glb") else { return };
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let all = voxels(&car, &Voxelize { resolution: 48, ..Voxelize::default() }).0.unwrap();
+            let found = tiles(&all, &VoteTile::default());
+            (all, found)
+        })
+    };
+    assert!(with(1) == with(2));
+}
+
+#[test]
+fn hardly_a_mesh() {
+    let how = Voxelize { resolution: 16, ..Voxelize::default() };
+    let one = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    // One triangle: a plate of two sides.
+    let all = voxels(&mesh(one), &how).0.unwrap();
+    assert!(tiles(&all, &VoteTile::default()).len() >= 2);
+    // A million times the same one: the same nodes.
+    let mut many = (*mesh(one)).clone();
+    many.triangles = vec![many.triangles[0]; 1_000_000];
+    let again = voxels(&Arc::new(many), &how).0.unwrap();
+    assert_eq!((again.inside(), again.losses.lost > 0), (all.inside(), all.losses.lost > 0));
+    // A corner that is no number: that triangle is rejected and counted; with no other, an error.
+    let mut broken = (*mesh(&block([0.0; 3], [1.0; 3], |p| p))).clone();
+    broken.positions[0][1] = f64::NAN;
+    let (some, rejected) = voxels(&Arc::new(broken.clone()), &how);
+    assert!(some.unwrap().inside() > 0 && rejected >= 4);
+    broken.positions.fill([f64::INFINITY; 3]);
+    assert_eq!(voxels(&Arc::new(broken), &how).0.unwrap_err().code, "empty-mesh");
+    // 100,000 : 1.
+    let bar = mesh(&block([0.0; 3], [100_000.0, 1.0, 1.0], |[x, y, z]| [x, y + 0.3, z + 0.3]));
+    assert!(tiles(&voxels(&bar, &how).0.unwrap(), &VoteTile::default()).len() <= 4);
+}
+
+/// Refused before anything is allocated.
+#[test]
+fn resolutions_out_of_range() {
+    let place = support::Place::new();
+    place.write("it.obj", &block([0.0; 3], [1.0; 3], |p| p));
+    for resolution in [0, 1, 4096] {
+        let text = format!(
+            "[node.read]\nop = \"read-mesh\"\npath = \"it.obj\"\n\n[node.grid]\nop = \"voxelize\"\nin.mesh = \"read\"\nresolution = {resolution}\n"
+        );
+        place.write("it.toml", &text);
+        let done = place.lodge(&["run", "it.toml"]);
+        let printed = String::from_utf8_lossy(&done.stderr);
+        assert!(
+            !done.status.success() && printed.contains("resolution") && printed.contains("must be at"),
+            "{printed}"
+        );
+    }
+}
