@@ -12,7 +12,8 @@
 //!         `thin = "thicken"`: of a crossed edge between white nodes the one nearer to the surface becomes black (half way:
 //!         the one nearer to the grid's middle, then the lower).
 //! Errors: no triangles with finite corners. Triangles with a corner that is not finite are rejected and counted.
-//! Facts:  triangles, those with finite corners; flat_triangles, those without an area on the grid (kept: nodes on them are
+//!         Of triangles with the same corners in the same turn one counts.
+//! Facts:  triangles, those with finite corners; duplicates, those of them left out; flat_triangles, those without an area on the grid (kept: nodes on them are
 //!         black); doubtful, nodes for which six rays do not agree.
 //! Cost:   O(triangles + crossings) and one bit a node; a few microseconds for each node in doubt.
 //! Source: Andújar et al., Computing maximal tiles, section 3; Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside
@@ -79,28 +80,30 @@ crate::inputs! {
 
 impl Op for Voxelize {
     const NAME: &'static str = "voxelize";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Voxels;
     const FACTS: &'static [(&'static str, &'static str)] = &[
         ("triangles", "triangles of the mesh with finite corners"),
+        ("duplicates", "triangles left out, for others have the same corners in the same turn"),
         ("flat_triangles", "triangles without an area on the grid"),
         ("doubtful", "nodes for which six rays do not agree"),
     ];
 
     fn run(&self, ctx: &Ctx, input: In) -> Result<Voxels> {
-        let (snapped, lattice, broken) = snap(&input.mesh, self.resolution)?;
+        let (mut snapped, lattice, broken) = snap(&input.mesh, self.resolution)?;
         for t in broken {
             let cause = "a corner is not a finite number".to_string();
             ctx.report.reject(Note { row: t as u64, id: format!("triangle {t}"), place: String::new(), cause });
         }
         ctx.check()?;
+        ctx.report.fact("triangles", snapped.triangles.len());
+        ctx.report.fact("duplicates", snapped.without_duplicates());
         let (voxels, doubtful) = voxelize(&snapped, lattice, &input.mesh.frame, self);
         if voxels.inside() == 0 {
             ctx.report
                 .warn("no node is inside: the mesh is thinner than a cell everywhere, a finer `resolution` may see it");
         }
-        ctx.report.fact("triangles", snapped.triangles.len());
         ctx.report.fact("flat_triangles", snapped.flat());
         ctx.report.fact("doubtful", doubtful);
         Ok(voxels)
@@ -161,6 +164,40 @@ pub fn snap(mesh: &Mesh, resolution: u32) -> Result<(Snapped, Lattice, Vec<usize
     let part = |c: f64| (c * UNIT as f64).round().clamp(0.0, (f64::from(lattice.cells)) * UNIT as f64) as i32;
     let vertices = mesh.positions.par_iter().map(|&p| lattice.to_cells(p).map(part)).collect();
     Ok((Snapped { vertices, triangles }, lattice, broken))
+}
+
+impl Snapped {
+    /// Leaves one of triangles with the same corners in the same turn, and says how many are gone.
+    fn without_duplicates(&mut self) -> usize {
+        let corners = |t: &[u32; 3]| {
+            let c = t.map(|v| self.vertices[v as usize]);
+            let first = (0..3).min_by_key(|&i| c[i]).expect("three corners");
+            [0, 1, 2].map(|i| c[(first + i) % 3])
+        };
+        let hash = |t: &[u32; 3]| {
+            let mix = |h: u64, v: i32| (h ^ h >> 29 ^ v as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            corners(t).iter().flatten().fold(1, |h, &v| mix(h, v))
+        };
+        let hashes: Vec<u64> = self.triangles.par_iter().map(hash).collect();
+        // Most hashes set a bit of their own; the others are looked at.
+        let bits = (32 * hashes.len()).next_power_of_two().max(64);
+        let place = |h: &u64| ((*h >> 20) as usize & (bits - 1), 1u64 << (h >> 14 & 63));
+        let (mut once, mut twice) = (vec![0u64; bits / 64], vec![0u64; bits / 64]);
+        for (at, bit) in hashes.iter().map(place) {
+            twice[at / 64] |= once[at / 64] & bit;
+            once[at / 64] |= bit;
+        }
+        let is_suspect = |(at, bit): (usize, u64)| twice[at / 64] & bit != 0;
+        let suspects = (0..self.triangles.len() as u32).filter(|&t| is_suspect(place(&hashes[t as usize])));
+        let mut keyed: Vec<_> = suspects.map(|t| (corners(&self.triangles[t as usize]), t)).collect();
+        keyed.par_sort_unstable();
+        let mut stays = vec![true; self.triangles.len()];
+        keyed.windows(2).filter(|k| k[0].0 == k[1].0).for_each(|k| stays[k[1].1 as usize] = false);
+        let before = self.triangles.len();
+        let mut stays = stays.into_iter();
+        self.triangles.retain(|_| stays.next() == Some(true));
+        before - self.triangles.len()
+    }
 }
 
 /// The grid, and the number of nodes that six rays do not agree on.
