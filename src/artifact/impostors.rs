@@ -25,6 +25,8 @@ pub struct Worth {
     pub atlas: [u32; 2],
     /// Of the atlas' texels those that are drawn.
     pub filled: f64,
+    /// Area that is drawn in four smaller copies of the atlas, of that in the atlas.
+    pub coverage: [f64; 4],
     pub original_triangles: u32,
 }
 
@@ -39,13 +41,18 @@ crate::columns! {
         pub corners: Vec<[f64; 3]>,
         /// Their places in the atlas, u right, v down.
         pub uvs: Vec<[f32; 2]>,
-        /// Of each quad the outward normal, and the tile that it is a piece of.
+        /// Outward normal of each quad.
         pub normals: Vec<[f32; 3]>,
+        /// Right in the atlas, a unit vector of each quad.
+        pub tangents: Vec<[f32; 3]>,
+        /// The tile that it is a piece of.
         pub tiles: Vec<u32>,
         /// Seen from both sides, as most of what it shows.
         pub two_sided: Vec<bool>,
         /// The atlas: colour and coverage, PNG.
         pub colour: Vec<u8>,
+        /// Normals along right, up and outside, PNG as large as the atlas; or empty.
+        pub normal_map: Vec<u8>,
         /// 14 views of the original over those of the quads, PNG.
         pub sheet: Vec<u8>,
         pub worth: Worth,
@@ -108,6 +115,7 @@ impl Artifact for Impostors {
             ("atlas_px", "width and height of the atlas"),
             ("atlas_bytes", "bytes of the atlas as PNG"),
             ("atlas_filled", "share of its texels that is drawn"),
+            ("mip_coverage", "area drawn in four smaller copies of the atlas, of that in the atlas"),
             ("texels_per_cell", "texels along a grid cell"),
             ("silhouette_iou", "pixels that mesh and quads both draw, of those that either draws: mean of 14 views"),
             ("colour_error", "mean difference of a channel where either draws, 0..255"),
@@ -130,6 +138,7 @@ impl Artifact for Impostors {
             ("atlas_px", json!(w.atlas)),
             ("atlas_bytes", json!(self.colour.len())),
             ("atlas_filled", short(w.filled)),
+            ("mip_coverage", w.coverage.map(short).into_iter().collect()),
             ("texels_per_cell", short(w.texels_per_cell)),
             ("silhouette_iou", short(w.silhouette)),
             ("colour_error", short(w.colour_error)),

@@ -117,9 +117,11 @@ mod tests {
             corners: [quad(0.0), quad(4.0)].concat(),
             uvs: [[[0.0, 1.0], [0.5, 1.0], [0.5, 0.0], [0.0, 0.0]]; 2].concat(),
             normals: vec![[0.0, 0.0, 1.0]; 2],
+            tangents: vec![[1.0, 0.0, 0.0]; 2],
             tiles: vec![0, 1],
             two_sided: vec![true, false],
             colour: Level { width: 2, height: 1, texels: vec![[9, 8, 7, 255]; 2] }.png(),
+            normal_map: Vec::new(),
             sheet: Vec::new(),
             worth: Worth { error_m: 0.5, distance_m: 468.0, ..Worth::default() },
         };

@@ -1,111 +1,195 @@
 //! Where pieces lie in the atlas, and their texels with what is bled around them.
 
-use super::canvas::{Canvas, Piece};
-use crate::io::picture::{Level, screen};
+use guillotiere::{SimpleAtlasAllocator, size2};
+use rayon::prelude::*;
 
-/// Texels around each piece: four smaller copies stay clean.
+use super::pieces::Piece;
+use crate::io::picture::Level;
+
+/// Texels around each piece: as many smaller copies as [`COPIES`] stay clean.
 pub const GUTTER: u32 = 8;
+/// Smaller copies that are looked after, each half the size of the one before.
+pub const COPIES: usize = 4;
+/// Sides of the atlas are multiples of this, so that each texel of the last copy has whole ones under it.
+const STEP: u32 = 1 << COPIES;
 
 pub struct Packed {
-    pub width: u32,
-    pub height: u32,
+    pub size: [u32; 2],
     /// Left upper texel of each piece, without its gutter.
     pub places: Vec<[u32; 2]>,
 }
 
-/// On shelves, the highest pieces first, into the smallest sheet of powers of two; none where `most` is too small.
-pub fn pack(pieces: &[(usize, Piece)], most: u32) -> Option<Packed> {
-    let mut order: Vec<usize> = (0..pieces.len()).collect();
-    order.sort_by_key(|&i| (std::cmp::Reverse(pieces[i].1.height()), std::cmp::Reverse(pieces[i].1.width()), i));
-    let sides: Vec<u32> = (4..=14).map(|p| 1 << p).filter(|&s| s <= most).collect();
-    let mut sheets: Vec<(u32, u32)> = sides.iter().flat_map(|&w| sides.iter().map(move |&h| (w, h))).collect();
-    // By area, then the squarest, then the wider.
-    sheets.sort_by_key(|&(w, h)| (w as u64 * h as u64, w.max(h), h));
-    sheets.into_iter().find_map(|(width, height)| {
-        let mut places = vec![[0; 2]; pieces.len()];
-        let (mut x, mut y, mut shelf) = (0, 0, 0);
-        for &i in &order {
-            let (w, h) = (pieces[i].1.width() + 2 * GUTTER, pieces[i].1.height() + 2 * GUTTER);
-            if x + w > width {
-                (x, y, shelf) = (0, y + shelf, 0);
-            }
-            if w > width || y + h > height {
-                return None;
-            }
-            places[i] = [x + GUTTER, y + GUTTER];
-            x += w;
-            shelf = shelf.max(h);
+/// Into the smallest square, cut off below what is used; none where `most` is too small.
+pub fn pack(sizes: &[[u32; 2]], most: u32) -> Option<Packed> {
+    let padded: Vec<[u32; 2]> = sizes.iter().map(|s| s.map(|s| s + 2 * GUTTER)).collect();
+    let longest = padded.iter().flatten().copied().max().unwrap_or(STEP);
+    let area: u64 = padded.iter().map(|s| u64::from(s[0]) * u64::from(s[1])).sum();
+    let most = most / STEP * STEP;
+    if longest > most || area > u64::from(most) * u64::from(most) {
+        return None;
+    }
+    let mut order: Vec<usize> = (0..padded.len()).collect();
+    order.sort_by_key(|&i| (std::cmp::Reverse(padded[i][1].max(padded[i][0])), std::cmp::Reverse(padded[i]), i));
+    let mut side = longest.max((area as f64).sqrt() as u32).next_multiple_of(STEP).max(STEP);
+    while side <= most {
+        if let Some(places) = try_side(&padded, &order, side) {
+            let lowest = |i: usize| places[i][1] + padded[i][1] - GUTTER;
+            let height = (0..padded.len()).map(lowest).max().unwrap_or(STEP).next_multiple_of(STEP);
+            return Some(Packed { size: [side, height], places });
         }
-        Some(Packed { width, height, places })
-    })
+        // By about one part in fifty: some hundred tries at most.
+        side = (side + side / 50).next_multiple_of(STEP).max(side + STEP);
+    }
+    None
+}
+
+fn try_side(padded: &[[u32; 2]], order: &[usize], side: u32) -> Option<Vec<[u32; 2]>> {
+    let mut free = SimpleAtlasAllocator::new(size2(side as i32, side as i32));
+    let mut places = vec![[0; 2]; padded.len()];
+    for &i in order {
+        let [w, h] = padded[i].map(|s| s as i32);
+        let place = free.allocate(size2(w, h))?;
+        places[i] = [place.min.x as u32 + GUTTER, place.min.y as u32 + GUTTER];
+    }
+    Some(places)
 }
 
 pub struct Atlas {
-    pub level: Level,
+    pub colour: Level,
+    /// Normals along right, up and outside of each quad, 0 to 255 for -1 to 1.
+    pub normals: Level,
     /// Share of texels that are drawn.
     pub filled: f64,
+    /// Of each smaller copy the area that is drawn, of that of the atlas itself.
+    pub coverage: [f64; COPIES],
+}
+
+/// A piece with its gutter.
+struct Patch {
+    size: [usize; 2],
+    colour: Vec<[u8; 3]>,
+    normals: Vec<[u8; 3]>,
+    alpha: Vec<u8>,
 }
 
 impl Atlas {
-    pub fn fill(canvases: &[Canvas], pieces: &[(usize, Piece)], packed: &Packed) -> Self {
-        let (width, height) = (packed.width, packed.height);
-        let mut texels = vec![[0u8; 4]; (width * height) as usize];
+    pub fn fill(pieces: &[Piece], packed: &Packed) -> Self {
+        let patches: Vec<Patch> = pieces.par_iter().map(Patch::new).collect();
+        let [width, height] = packed.size;
+        let empty = || Level { width, height, texels: vec![[0; 4]; (width * height) as usize] };
+        let (mut colour, mut normals) = (empty(), empty());
+        normals.texels.fill([128, 128, 255, 255]);
         let mut filled = 0u64;
-        for ((k, piece), [left, top]) in pieces.iter().zip(&packed.places) {
-            let (w, h) = ((piece.width() + 2 * GUTTER) as usize, (piece.height() + 2 * GUTTER) as usize);
-            // (1) Its own texels.
-            let mut own: Vec<Option<[u8; 3]>> = vec![None; w * h];
-            let mut edge = Vec::new();
-            for y in 0..piece.height() {
-                for x in 0..piece.width() {
-                    if let Some(light) = canvases[*k].at(piece.low[0] + x, piece.low[1] + y) {
-                        let i = (y + GUTTER) as usize * w + (x + GUTTER) as usize;
-                        own[i] = Some(light.map(screen));
-                        edge.push(i);
-                    }
-                }
-            }
-            filled += edge.len() as u64;
-            let opaque = own.clone();
-            // (2) Bled over the whole rectangle, ring by ring: the mean of what is there already.
-            while !edge.is_empty() {
-                let mut ring = Vec::new();
-                for &i in &edge {
-                    for j in around(i, w, h) {
-                        if own[j].is_none() {
-                            ring.push(j);
-                        }
-                    }
-                }
-                ring.sort_unstable();
-                ring.dedup();
-                let mean = |j: &usize| {
-                    let (mut sum, mut n) = ([0u32; 3], 0);
-                    for c in around(*j, w, h).filter_map(|i| own[i]) {
-                        (0..3).for_each(|k| sum[k] += u32::from(c[k]));
-                        n += 1;
-                    }
-                    sum.map(|s| ((s + n / 2) / n) as u8)
-                };
-                let colours: Vec<[u8; 3]> = ring.iter().map(mean).collect();
-                ring.iter().zip(colours).for_each(|(&j, c)| own[j] = Some(c));
-                edge = ring;
-            }
-            // (3) Into the sheet.
-            for (i, colour) in own.iter().enumerate() {
-                let (x, y) = (left - GUTTER + (i % w) as u32, top - GUTTER + (i / w) as u32);
-                let [r, g, b] = colour.unwrap_or_default();
-                let alpha = if opaque[i].is_some() { 255 } else { 0 };
-                texels[(y * width + x) as usize] = [r, g, b, alpha];
+        for (patch, [left, top]) in patches.iter().zip(&packed.places) {
+            for i in 0..patch.alpha.len() {
+                let (x, y) = (left - GUTTER + (i % patch.size[0]) as u32, top - GUTTER + (i / patch.size[0]) as u32);
+                let at = (y * width + x) as usize;
+                let ([r, g, b], [u, v, n]) = (patch.colour[i], patch.normals[i]);
+                colour.texels[at] = [r, g, b, patch.alpha[i]];
+                normals.texels[at] = [u, v, n, 255];
+                filled += u64::from(patch.alpha[i] == OPAQUE);
             }
         }
+        let alpha: Vec<u8> = colour.texels.iter().map(|t| t[3]).collect();
+        let coverage = covered(&alpha, packed.size.map(|s| s as usize)).map(|n| n / filled.max(1) as f64);
         let filled = filled as f64 / (f64::from(width) * f64::from(height));
-        Self { level: Level { width, height, texels }, filled }
+        Self { colour, normals, filled, coverage }
     }
 }
 
+const OPAQUE: u8 = 255;
+/// What lies around a piece may have one of these: less than the half that is drawn.
+const AROUND: [u8; 7] = [0, 16, 32, 48, 64, 80, 96];
+
+impl Patch {
+    fn new(piece: &Piece) -> Self {
+        let [w, h] = piece.window.size.map(|s| s as usize);
+        let gutter = GUTTER as usize;
+        let size = [w + 2 * gutter, h + 2 * gutter];
+        let n = size[0] * size[1];
+        let (mut colour, mut normals) = (vec![None; n], vec![None; n]);
+        let mut alpha = vec![0; n];
+        for (i, texel) in piece.texels.iter().enumerate() {
+            if let Some(texel) = texel {
+                let at = (i / w + gutter) * size[0] + i % w + gutter;
+                colour[at] = Some(texel.colour);
+                normals[at] = Some(texel.normal.map(|c| (c.clamp(-1.0, 1.0) * 127.0 + 128.0).round() as u8));
+                alpha[at] = OPAQUE;
+            }
+        }
+        // Thin parts would be lost in smaller copies: what lies around gets the alpha that keeps their area best.
+        let around = AROUND.into_iter().map(|a| (loss(&alpha, size, a), a));
+        let around = around.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, a)| a);
+        alpha.iter_mut().filter(|a| **a == 0).for_each(|a| *a = around);
+        Self { size, colour: bled(colour, size), normals: bled(normals, size), alpha }
+    }
+}
+
+/// How far the area drawn of smaller copies, and of one twice as large, is off where the surroundings have this alpha.
+fn loss(alpha: &[u8], size: [usize; 2], around: u8) -> f64 {
+    let whole = alpha.iter().filter(|&&a| a == OPAQUE).count() as f64;
+    let given: Vec<u8> = alpha.iter().map(|&a| if a == OPAQUE { a } else { around }).collect();
+    let copies: f64 = covered(&given, size).iter().map(|n| (n - whole).abs()).sum();
+    copies + 2.0 * (doubled(&given, size) - whole).abs()
+}
+
+/// Texels of the picture under those of each smaller copy (means of 2 x 2) that are drawn.
+fn covered(alpha: &[u8], size: [usize; 2]) -> [f64; COPIES] {
+    let mut sums: Vec<u32> = alpha.iter().map(|&a| u32::from(a)).collect();
+    let mut size = size;
+    let mut under = 1u32;
+    [(); COPIES].map(|()| {
+        let half = size.map(|s| s.div_ceil(2));
+        let at = |x: usize, y: usize| if x < size[0] && y < size[1] { sums[y * size[0] + x] } else { 0 };
+        let four = |x: usize, y: usize| at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1);
+        sums = (0..half[0] * half[1]).map(|i| four(i % half[0] * 2, i / half[0] * 2)).collect();
+        (size, under) = (half, under * 4);
+        let drawn = sums.iter().filter(|&&s| 2 * s >= u32::from(OPAQUE) * under).count();
+        drawn as f64 * f64::from(under)
+    })
+}
+
+/// Texels that are drawn where the picture is seen at twice its size, in those of the picture.
+fn doubled(alpha: &[u8], size: [usize; 2]) -> f64 {
+    let at = |x: i64, y: i64| {
+        let [x, y] = [x.clamp(0, size[0] as i64 - 1), y.clamp(0, size[1] as i64 - 1)];
+        u32::from(alpha[y as usize * size[0] + x as usize])
+    };
+    let drawn = (0..alpha.len()).map(|i| {
+        let (x, y) = ((i % size[0]) as i64, (i / size[0]) as i64);
+        let sides = [(-1, -1), (1, -1), (-1, 1), (1, 1)].into_iter().filter(|&(dx, dy)| {
+            let mixed = 9 * at(x, y) + 3 * (at(x + dx, y) + at(x, y + dy)) + at(x + dx, y + dy);
+            2 * mixed >= 16 * u32::from(OPAQUE)
+        });
+        sides.count()
+    });
+    drawn.sum::<usize>() as f64 / 4.0
+}
+
+/// Ring by ring: the mean of what is there already.
+fn bled(mut own: Vec<Option<[u8; 3]>>, size: [usize; 2]) -> Vec<[u8; 3]> {
+    let mut edge: Vec<usize> = (0..own.len()).filter(|&i| own[i].is_some()).collect();
+    while !edge.is_empty() {
+        let mut ring: Vec<usize> = edge.iter().flat_map(|&i| around(i, size)).filter(|&j| own[j].is_none()).collect();
+        ring.sort_unstable();
+        ring.dedup();
+        let mean = |j: &usize| {
+            let (mut sum, mut n) = ([0u32; 3], 0);
+            for c in around(*j, size).filter_map(|i| own[i]) {
+                (0..3).for_each(|k| sum[k] += u32::from(c[k]));
+                n += 1;
+            }
+            sum.map(|s| ((s + n / 2) / n) as u8)
+        };
+        let colours: Vec<[u8; 3]> = ring.iter().map(mean).collect();
+        ring.iter().zip(colours).for_each(|(&j, c)| own[j] = Some(c));
+        edge = ring;
+    }
+    own.into_iter().map(Option::unwrap_or_default).collect()
+}
+
 /// Up to eight neighbours.
-fn around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
+fn around(i: usize, [w, h]: [usize; 2]) -> impl Iterator<Item = usize> {
     let (x, y) = (i % w, i / w);
     let rows = y.saturating_sub(1)..=(y + 1).min(h - 1);
     rows.flat_map(move |v| (x.saturating_sub(1)..=(x + 1).min(w - 1)).map(move |u| v * w + u)).filter(move |&j| j != i)
@@ -117,18 +201,33 @@ mod tests {
 
     #[test]
     fn nothing_overlaps() {
-        let piece = |w: u32, h: u32| (0, Piece { low: [3, 5], high: [2 + w, 4 + h], texels: 4, two_sided: 0 });
-        let pieces: Vec<_> = (1..40u32).map(|i| piece(i * 7 % 50 + 1, i * 13 % 30 + 1)).collect();
-        let packed = pack(&pieces, 512).unwrap();
-        let mut seen = vec![false; (packed.width * packed.height) as usize];
-        for ((_, p), [x, y]) in pieces.iter().zip(&packed.places) {
-            for v in y - GUTTER..y + p.height() + GUTTER {
-                for u in x - GUTTER..x + p.width() + GUTTER {
-                    assert!(!std::mem::replace(&mut seen[(v * packed.width + u) as usize], true));
+        let sizes: Vec<[u32; 2]> = (1..40u32).map(|i| [i * 7 % 50 + 1, i * 13 % 30 + 1]).collect();
+        let packed = pack(&sizes, 512).unwrap();
+        let mut seen = vec![false; (packed.size[0] * packed.size[1]) as usize];
+        for ([w, h], [x, y]) in sizes.iter().zip(&packed.places) {
+            for v in y - GUTTER..y + h + GUTTER {
+                for u in x - GUTTER..x + w + GUTTER {
+                    assert!(!std::mem::replace(&mut seen[(v * packed.size[0] + u) as usize], true));
                 }
             }
         }
-        assert!(pack(&pieces, 128).is_none());
-        assert_eq!(pack(&[], 64).unwrap().width, 16);
+        let used = seen.iter().filter(|&&s| s).count() as f64 / seen.len() as f64;
+        assert!(used > 0.8, "{used}");
+        assert!(pack(&sizes, 128).is_none());
+        assert_eq!(pack(&[], 64).unwrap().size, [16, 16]);
+    }
+
+    /// Bars a texel wide, three apart, keep about their area in all copies; a square keeps sharp edges.
+    #[test]
+    fn thin_parts_stay() {
+        let size = [64, 64];
+        let bars: Vec<u8> = (0..64 * 64).map(|i| if i % 64 % 4 == 0 { OPAQUE } else { 0 }).collect();
+        let best = AROUND.into_iter().min_by(|&a, &b| loss(&bars, size, a).total_cmp(&loss(&bars, size, b))).unwrap();
+        assert_eq!(covered(&bars, size)[1], 0.0);
+        assert!(best > 64 && loss(&bars, size, best) < loss(&bars, size, 0));
+        let square: Vec<u8> =
+            (0..64 * 64).map(|i| if (16..48).contains(&(i % 64)) && (16..48).contains(&(i / 64)) { OPAQUE } else { 0 }).collect();
+        assert_eq!(covered(&square, size), [1024.0; COPIES]);
+        assert!(AROUND.into_iter().all(|a| loss(&square, size, a) >= loss(&square, size, 0)));
     }
 }

@@ -17,6 +17,8 @@
 
 mod atlas;
 mod canvas;
+mod pieces;
+mod planes;
 
 use rayon::prelude::*;
 
@@ -27,7 +29,8 @@ use crate::io::paint::Paint;
 use crate::io::views;
 use crate::op::{Ctx, Op};
 use atlas::{Atlas, pack};
-use canvas::{Canvas, Planes};
+use pieces::Piece;
+use planes::{Planes, Reached, Scene};
 
 crate::params! {
     /// Quads with a texture that stand for a mesh from afar.
@@ -38,6 +41,8 @@ crate::params! {
         /// Largest side of the atlas.
         #[schemars(range(min = 64, max = 16384), extend("x-unit" = "px"))]
         pub max_atlas_px: u32 = 4096,
+        /// A second atlas of normals, so that light can fall on the quads; without it they keep their colours.
+        pub normal_map: bool = false,
     }
 }
 
@@ -86,22 +91,26 @@ pub fn bake_impostor(
         return Err(Diagnostic::error("bad-picture", fault));
     }
     let planes = Planes::new(tiles);
-    // (1) Every tile's canvas and its pieces, in an atlas that fits.
+    let reached = Reached::new(mesh, &planes);
+    let scene = Scene { mesh, paint: &paint, planes: &planes, reached: &reached };
+    // (1) Every tile's pieces, in an atlas that fits.
     let mut density = how.texels_per_cell;
     let mut found = None;
     for _ in 0..TRIES {
         check()?;
-        let draw = |k: usize| Canvas::draw(mesh, &paint, &planes, k, density);
-        let canvases: Vec<Canvas> = (0..planes.len()).into_par_iter().map(draw).collect();
-        let pieces: Vec<(usize, canvas::Piece)> =
-            canvases.iter().enumerate().flat_map(|(k, c)| c.pieces.iter().map(move |p| (k, *p))).collect();
-        if let Some(packed) = pack(&pieces, how.max_atlas_px) {
-            found = Some((canvases, pieces, packed));
-            break;
+        let texel = planes.cell / density;
+        if (0..planes.len()).all(|k| canvas::around(&scene, k, texel).fits()) {
+            let of_tile = |k: usize| pieces::pieces(&scene, k, texel);
+            let pieces: Vec<Piece> = (0..planes.len()).into_par_iter().flat_map_iter(of_tile).collect();
+            let sizes: Vec<[u32; 2]> = pieces.iter().map(|p| p.window.size).collect();
+            if let Some(packed) = pack(&sizes, how.max_atlas_px) {
+                found = Some((pieces, packed));
+                break;
+            }
         }
         density *= 0.75;
     }
-    let Some((canvases, pieces, packed)) = found else {
+    let Some((pieces, packed)) = found else {
         return Err(Diagnostic::error("small-atlas", format!("the quads do not fit into {} px", how.max_atlas_px)));
     };
     if pieces.is_empty() {
@@ -109,28 +118,32 @@ pub fn bake_impostor(
     }
 
     // (2) The atlas and the quads.
-    let atlas = Atlas::fill(&canvases, &pieces, &packed);
-    let size = [packed.width, packed.height];
+    let atlas = Atlas::fill(&pieces, &packed);
+    let size = packed.size;
     let mut out = Impostors {
         frame: mesh.frame.clone(),
         corners: Vec::new(),
         uvs: Vec::new(),
         normals: Vec::new(),
+        tangents: Vec::new(),
         tiles: Vec::new(),
         two_sided: Vec::new(),
-        colour: atlas.level.png(),
+        colour: atlas.colour.png(),
+        normal_map: if how.normal_map { atlas.normals.png() } else { Vec::new() },
         sheet: Vec::new(),
         worth: Worth::default(),
     };
-    for ((k, piece), place) in pieces.iter().zip(&packed.places) {
-        out.corners.extend(canvases[*k].corners(piece));
-        let [x, y] = *place;
+    for (piece, &[x, y]) in pieces.iter().zip(&packed.places) {
+        let window = &piece.window;
+        out.corners.extend(window.corners());
         let at = |x: u32, y: u32| [x as f32 / size[0] as f32, y as f32 / size[1] as f32];
-        let (right, down) = (x + piece.width(), y + piece.height());
+        let (right, down) = (x + window.size[0], y + window.size[1]);
         out.uvs.extend([at(x, down), at(right, down), at(right, y), at(x, y)]);
-        out.normals.push(planes.normal(*k).map(|c| c as f32));
-        out.tiles.push(*k as u32);
-        out.two_sided.push(2 * piece.two_sided > piece.texels);
+        out.normals.push(window.axes[2].map(|c| c as f32));
+        out.tangents.push(window.axes[0].map(|c| c as f32));
+        out.tiles.push(piece.tile as u32);
+        let [shown, two_sided] = piece.counts();
+        out.two_sided.push(2 * two_sided > shown);
     }
     check()?;
 
@@ -145,6 +158,8 @@ pub fn bake_impostor(
         sets = [views::all(mesh, &paint, &cameras, true), views::all(&quads, &quad_paint, &cameras, true)];
     }
     out.sheet = views::on_sheet(&sets).png();
+    let mut of_tile = vec![Vec::new(); planes.len()];
+    pieces.iter().for_each(|p| of_tile[p.tile].push(p));
     let cell = tiles.lattice.cell;
     out.worth = Worth {
         error_m: cell,
@@ -152,9 +167,10 @@ pub fn bake_impostor(
         texels_per_cell: density,
         silhouette: like.silhouette,
         colour_error: like.colour,
-        drawn: canvas::share_drawn(mesh, &paint, &planes, &canvases),
+        drawn: scene.share_drawn(|k, p| of_tile[k].iter().any(|piece| piece.draws(p))),
         atlas: size,
         filled: atlas.filled,
+        coverage: atlas.coverage,
         original_triangles: mesh.triangles.len() as u32,
     };
     Ok(out)
