@@ -61,7 +61,7 @@ formats! {
     Footprints ".svg" svg::footprints,
     Hulls ".geojson" geojson::hulls,
     Hulls ".svg" svg::hulls,
-    Impostors ".glb" gltf::impostors::glb,
+    Impostors ".glb" impostor_glb,
     Impostors ".png" impostor_sheet,
     Landmarks ".csv" csv::landmarks,
     Lines ".geojson" geojson::lines,
@@ -75,6 +75,10 @@ formats! {
     PlaneTiles ".png" tile_sheet,
     Voxels ".json" voxels::json,
     Voxels ".npy" voxels::npy,
+}
+
+fn impostor_glb(of: &Impostors) -> Result<Vec<u8>> {
+    gltf::impostors::glb(of, gltf::impostors::Packing::Png)
 }
 
 fn impostor_sheet(of: &Impostors) -> Result<Vec<u8>> {

@@ -195,6 +195,16 @@ impl Level {
         let [plain, adaptive] = [::png::Filter::NoFilter, ::png::Filter::Adaptive].map(one);
         if plain.len() <= adaptive.len() { plain } else { adaptive }
     }
+
+    /// As WebP, without loss.
+    pub fn webp(&self) -> Result<Vec<u8>, String> {
+        let mut out = Vec::new();
+        let encoder = image_webp::WebPEncoder::new(&mut out);
+        let all = self.texels.as_flattened();
+        let done = encoder.encode(all, self.width, self.height, image_webp::ColorType::Rgba8);
+        done.map_err(|e| format!("cannot be WebP: {e}"))?;
+        Ok(out)
+    }
 }
 
 fn fits(width: u64, height: u64) -> Result<(), String> {
@@ -263,6 +273,7 @@ mod tests {
         for n in 0..level.png().len() - 12 {
             assert!(Picture::decode(&level.png()[..n]).is_err(), "{n}");
         }
+        assert_eq!(Picture::decode(&level.webp().unwrap()).unwrap().levels[0], level);
         assert!(Picture::decode(b"\xff\xd8\xff\xe0 no").is_err());
         assert!(Picture::decode(b"RIFF....WEBP").is_err());
     }

@@ -1,101 +1,127 @@
-//! GLB of impostors: quads of one atlas, unlit, drawn where the atlas is opaque.
+//! GLB of impostors: quads of one atlas, drawn where the atlas is opaque.
 //!
-//! `extras` of the scene say how far off a quad may be and from where that is less than a pixel.
-//! Source: glTF 2.0; KHR_materials_unlit.
+//! Unlit; with a normal map, matt and with tangents, so that light falls on them. `extras` of the scene say how far off a
+//! quad may be and from where that is less than a pixel.
+//! Source: glTF 2.0; KHR_materials_unlit; EXT_texture_webp.
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
+use super::Builder;
 use crate::artifact::Impostors;
 use crate::diag::{Diagnostic, Result};
+use crate::io::picture::Picture;
 
-/// The file.
-pub fn glb(of: &Impostors) -> Result<Vec<u8>> {
-    let mut chunk = Vec::new();
-    let mut views = Vec::new();
-    let mut view = |bytes: &[u8], target: Option<u32>| {
-        chunk.resize(chunk.len().next_multiple_of(4), 0);
-        let mut out = json!({"buffer": 0, "byteOffset": chunk.len(), "byteLength": bytes.len()});
-        if let Some(target) = target {
-            out["target"] = target.into();
-        }
-        views.push(out);
-        chunk.extend_from_slice(bytes);
-        views.len() - 1
-    };
+/// How the atlas is packed: PNG as it is, or WebP without loss.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packing {
+    Png,
+    Webp,
+}
+
+/// The file. Cost: O(quads), and with WebP the atlas packed anew.
+pub fn glb(of: &Impostors, packing: Packing) -> Result<Vec<u8>> {
+    let mut file = Builder::default();
     // Around their middle, y up.
+    let up = |[x, y, z]: [f64; 3]| [x, z, 0.0 - y];
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for [x, y, z] in &of.corners {
-        for (k, c) in [*x, *z, 0.0 - y].into_iter().enumerate() {
+    for corner in &of.corners {
+        for (k, c) in up(*corner).into_iter().enumerate() {
             (low[k], high[k]) = (low[k].min(c), high[k].max(c));
         }
     }
     let middle = [0, 1, 2].map(|k| if low[k] <= high[k] { (low[k] + high[k]) / 2.0 } else { 0.0 });
-    let place = |&[x, y, z]: &[f64; 3]| [x - middle[0], z - middle[1], 0.0 - y - middle[2]].map(|c| c as f32);
-    let positions: Vec<[f32; 3]> = of.corners.iter().map(place).collect();
-    let least = |f: fn(f32, f32) -> f32, from: f32| {
-        let all = positions.iter().fold([from; 3], |a, p| [0, 1, 2].map(|k| f(a[k], p[k])));
-        if positions.is_empty() { [0.0; 3] } else { all }
+    let place = |p: &[f64; 3]| {
+        let p = up(*p);
+        [0, 1, 2].map(|k| (p[k] - middle[k]) as f32)
     };
-    let (low, high) = (least(f32::min, f32::INFINITY), least(f32::max, f32::NEG_INFINITY));
-    let bytes = |all: &[f32]| all.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
-    let n = of.corners.len();
-    let mut accessors = Vec::new();
-    let at = view(&bytes(positions.as_flattened()), Some(34962));
-    accessors
-        .push(json!({"bufferView": at, "componentType": 5126, "count": n, "type": "VEC3", "min": low, "max": high}));
-    let at = view(&bytes(of.uvs.as_flattened()), Some(34962));
-    accessors.push(json!({"bufferView": at, "componentType": 5126, "count": n, "type": "VEC2"}));
+    let positions: Vec<[f32; 3]> = of.corners.iter().map(place).collect();
+    let lit = !of.normal_map.is_empty();
+    let mut attributes = Map::new();
+    attributes.insert("POSITION".into(), json!(file.vectors(&positions, true)));
+    attributes.insert("TEXCOORD_0".into(), json!(file.vectors(&of.uvs, false)));
+    if lit {
+        let turned = |v: &[f32; 3]| [v[0], v[2], 0.0 - v[1]];
+        let normals: Vec<[f32; 3]> = of.normals.iter().flat_map(|n| [turned(n); 4]).collect();
+        attributes.insert("NORMAL".into(), json!(file.vectors(&normals, false)));
+        // Up is the normal x right: a sign of 1.
+        let tangent = |v: &[f32; 3]| {
+            let [x, y, z] = turned(v);
+            [[x, y, z, 1.0]; 4]
+        };
+        let tangents: Vec<[f32; 4]> = of.tangents.iter().flat_map(tangent).collect();
+        attributes.insert("TANGENT".into(), json!(file.vectors(&tangents, false)));
+    }
     let (mut primitives, mut materials): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
     for two_sided in [false, true] {
         let quads = (0..of.len() as u32).filter(|&q| of.two_sided[q as usize] == two_sided);
-        let indices: Vec<u32> = quads.flat_map(|q| [0, 1, 2, 0, 2, 3].map(|c| 4 * q + c)).collect();
-        if indices.is_empty() {
+        let triangles: Vec<[u32; 3]> =
+            quads.flat_map(|q| [[0, 1, 2], [0, 2, 3]].map(|t| t.map(|c| 4 * q + c))).collect();
+        if triangles.is_empty() {
             continue;
         }
-        let at = view(&indices.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>(), Some(34963));
-        accessors.push(json!({"bufferView": at, "componentType": 5125, "count": indices.len(), "type": "SCALAR"}));
-        let attributes = json!({"POSITION": 0, "TEXCOORD_0": 1});
-        let (indices, material) = (accessors.len() - 1, materials.len());
-        primitives.push(json!({"attributes": attributes, "indices": indices, "material": material}));
-        materials.push(json!({
+        let indices = file.corners(&triangles, of.corners.len());
+        primitives.push(json!({"attributes": attributes, "indices": indices, "material": materials.len()}));
+        let mut material = json!({
             "name": if two_sided { "impostor-two-sided" } else { "impostor" },
             "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": 1},
             "alphaMode": "MASK", "alphaCutoff": 0.5, "doubleSided": two_sided,
-            "extensions": {"KHR_materials_unlit": {}},
-        }));
+        });
+        if lit {
+            material["normalTexture"] = json!({"index": 1});
+        } else {
+            material["extensions"] = json!({"KHR_materials_unlit": {}});
+        }
+        materials.push(material);
     }
-    let picture = view(&of.colour, None);
-    chunk.resize(chunk.len().next_multiple_of(4), 0);
+    let (mut images, mut textures) = (Vec::new(), Vec::new());
+    for picture in [&of.colour, &of.normal_map].into_iter().filter(|p| !p.is_empty()) {
+        let source = images.len();
+        let (kind, bytes) = match packing {
+            Packing::Png => ("image/png", picture.clone()),
+            Packing::Webp => ("image/webp", webp(picture)?),
+        };
+        images.push(json!({"bufferView": file.view(&[], bytes), "mimeType": kind}));
+        textures.push(match packing {
+            Packing::Png => json!({"source": source, "sampler": 0}),
+            Packing::Webp => json!({"sampler": 0, "extensions": {"EXT_texture_webp": {"source": source}}}),
+        });
+    }
+    if u32::try_from(file.size + (1 << 20)).is_err() {
+        return Err(Diagnostic::error("too-large", "the impostors need more than 4 GiB, which GLB cannot say"));
+    }
+    let mut used = Vec::new();
+    if !lit {
+        used.push("KHR_materials_unlit");
+    }
     let worth = &of.worth;
-    let root = json!({
+    let mut root = json!({
         "asset": {"version": "2.0", "generator": "lodge"},
         "scene": 0,
         "scenes": [{"nodes": [0], "extras": {"error": worth.error_m, "distance": worth.distance_m}}],
         "nodes": [{"name": "impostor", "mesh": 0, "translation": middle}],
         "meshes": [{"primitives": primitives}],
         "materials": materials,
-        "textures": [{"source": 0, "sampler": 0}],
+        "textures": textures,
         // Smooth, with smaller copies; clamped.
         "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
-        "images": [{"bufferView": picture, "mimeType": "image/png"}],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": chunk.len()}],
-        "extensionsUsed": ["KHR_materials_unlit"],
+        "images": images,
+        "accessors": file.accessors,
+        "bufferViews": file.views,
     });
-    let mut text = root.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let length = u32::try_from(28 + text.len() + chunk.len())
-        .map_err(|_| Diagnostic::error("too-large", "the impostors need more than 4 GiB, which GLB cannot say"))?;
-    let mut out = Vec::with_capacity(length as usize);
-    out.extend_from_slice(b"glTF\x02\0\0\0");
-    out.extend_from_slice(&length.to_le_bytes());
-    for (kind, body) in [(b"JSON", &text), (b"BIN\0", &chunk)] {
-        out.extend_from_slice(&(body.len() as u32).to_le_bytes());
-        out.extend_from_slice(kind);
-        out.extend_from_slice(body);
+    if packing == Packing::Webp {
+        used.push("EXT_texture_webp");
+        root["extensionsRequired"] = json!(["EXT_texture_webp"]);
     }
-    Ok(out)
+    if !used.is_empty() {
+        root["extensionsUsed"] = json!(used);
+    }
+    let Value::Object(root) = root else { unreachable!("written as one above") };
+    Ok(file.finish(root))
+}
+
+fn webp(png: &[u8]) -> Result<Vec<u8>> {
+    let wrong = |e: String| Diagnostic::error("bad-picture", format!("the atlas {e}"));
+    Picture::decode(png).map_err(wrong)?.levels[0].webp().map_err(wrong)
 }
 
 #[cfg(test)]
@@ -108,11 +134,9 @@ mod tests {
     use crate::io::mesh::{self, Files};
     use crate::io::picture::Level;
 
-    /// Two quads, there and back.
-    #[test]
-    fn what_is_written_is_read() {
+    fn two() -> Impostors {
         let quad = |z: f64| [[0.0, 0.0, z], [2.0, 0.0, z], [2.0, 1.0, z], [0.0, 1.0, z]];
-        let of = Impostors {
+        Impostors {
             frame: Frame::local(),
             corners: [quad(0.0), quad(4.0)].concat(),
             uvs: [[[0.0, 1.0], [0.5, 1.0], [0.5, 0.0], [0.0, 0.0]]; 2].concat(),
@@ -124,13 +148,27 @@ mod tests {
             normal_map: Vec::new(),
             sheet: Vec::new(),
             worth: Worth { error_m: 0.5, distance_m: 468.0, ..Worth::default() },
-        };
-        let bytes = glb(&of).unwrap();
+        }
+    }
+
+    fn read(bytes: &[u8]) -> crate::artifact::Mesh {
+        let report = Report::default();
+        let files = Files { name: "a.glb", bytes, beside: &|_| None, warn: &|w| panic!("{w}") };
+        mesh::read(&files, None, &mut Ledger::new(&report)).unwrap()
+    }
+
+    /// Two quads, there and back.
+    #[test]
+    fn what_is_written_is_read() {
+        let of = two();
+        let bytes = glb(&of, Packing::Png).unwrap();
         let document = gltf::Gltf::from_slice(&bytes).unwrap();
         assert_eq!(document.materials().count(), 2);
-        let report = Report::default();
-        let files = Files { name: "a.glb", bytes: &bytes, beside: &|_| None, warn: &|w| panic!("{w}") };
-        let back = mesh::read(&files, None, &mut Ledger::new(&report)).unwrap();
+        assert!(document.materials().all(|m| m.normal_texture().is_none()));
+        assert_eq!(document.extensions_used().collect::<Vec<_>>(), ["KHR_materials_unlit"]);
+        let extras = document.scenes().next().unwrap().extras().as_ref().unwrap().get().to_string();
+        assert_eq!(extras, r#"{"distance":468.0,"error":0.5}"#);
+        let back = read(&bytes);
         let corners = |positions: &[[f64; 3]], triangles: &[[u32; 3]]| {
             let mut all: Vec<String> =
                 triangles.iter().map(|t| format!("{:?}", t.map(|v| positions[v as usize]))).collect();
@@ -141,5 +179,29 @@ mod tests {
         assert_eq!(corners(&back.positions, &back.triangles), corners(&here.positions, &here.triangles));
         assert_eq!(back.surface.images.image(0), of.colour);
         assert_eq!(back.surface.materials.iter().map(|m| m.double_sided).collect::<Vec<_>>(), [false, true]);
+    }
+
+    #[test]
+    fn webp_holds_the_same_texels() {
+        let of = two();
+        let back = read(&glb(&of, Packing::Webp).unwrap());
+        assert_eq!(back.surface.images.types.get(0), "image/webp");
+        assert_eq!(Picture::decode(back.surface.images.image(0)), Picture::decode(&of.colour));
+    }
+
+    /// With a normal map: lit, a tangent to the right, normals up, in glTF's axes.
+    #[test]
+    fn light_falls_on_normal_maps() {
+        let mut of = two();
+        of.normal_map = Level { width: 2, height: 1, texels: vec![[128, 128, 255, 255]; 2] }.png();
+        let bytes = glb(&of, Packing::Png).unwrap();
+        let document = gltf::Gltf::from_slice(&bytes).unwrap();
+        assert!(document.materials().all(|m| m.normal_texture().is_some()));
+        assert_eq!(document.extensions_used().count(), 0);
+        let chunk = document.blob.as_deref().unwrap();
+        let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
+        let reader = primitive.reader(|_| Some(chunk));
+        assert!(reader.read_normals().unwrap().all(|n| n == [0.0, 1.0, 0.0]));
+        assert!(reader.read_tangents().unwrap().all(|t| t == [1.0, 0.0, 0.0, 1.0]));
     }
 }

@@ -243,6 +243,23 @@ impl<'a> Builder<'a> {
         self.accessors.len() - 1
     }
 
+    /// An accessor over vectors of finite numbers; `bounded`: with their least and greatest.
+    fn vectors<const N: usize>(&mut self, all: &[[f32; N]], bounded: bool) -> usize {
+        let bytes = bytemuck::cast_slice::<f32, u8>(all.as_flattened()).to_vec();
+        let view = self.view(&[("target", 34962)], bytes);
+        let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
+        let mut accessor = json!({ "bufferView": view, "componentType": 5126, "count": all.len(), "type": kind });
+        if bounded {
+            let end = |f: fn(f32, f32) -> f32| {
+                let least = all.iter().copied().reduce(|a, b| std::array::from_fn(|k| f(a[k], b[k])));
+                least.map(|a| a.map(f64::from).to_vec())
+            };
+            (accessor["min"], accessor["max"]) = (json!(end(f32::min)), json!(end(f32::max)));
+        }
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
     /// Header, JSON, bytes. Both chunks begin and end at multiples of 8, as EXT_structural_metadata wants.
     fn finish(self, mut root: Map<String, Value>) -> Vec<u8> {
         if self.size == 0 {

@@ -102,30 +102,30 @@ impl Painter<'_> {
         };
         let positions: Vec<[f32; 3]> = vertices.iter().map(place).collect();
         let mut attributes = Map::new();
-        let at = self.floats(&positions, "VEC3", true);
+        let at = self.floats(&positions, true);
         attributes.insert("POSITION".into(), json!(at));
         let of_all = |i: &u32| *i as usize;
         if normals {
             let all: Vec<[f32; 3]> = vertices.iter().map(|v| up(surface.normals[of_all(v)])).collect();
-            attributes.insert("NORMAL".into(), json!(self.floats(&all, "VEC3", false)));
+            attributes.insert("NORMAL".into(), json!(self.floats(&all, false)));
         }
         let textured = of.material.is_some_and(|m| surface.materials[m as usize].texture.is_some());
         if let Some(all) = picked(&surface.uvs, &vertices)
             && (textured || all.iter().any(|uv| *uv != [0.0; 2]))
         {
-            attributes.insert("TEXCOORD_0".into(), json!(self.floats(&all, "VEC2", false)));
+            attributes.insert("TEXCOORD_0".into(), json!(self.floats(&all, false)));
         }
         let colours = picked(&surface.colours, &vertices).filter(|all| all.iter().any(|c| *c != [1.0; 4]));
         let coloured = colours.is_some();
         if let Some(all) = colours {
-            attributes.insert("COLOR_0".into(), json!(self.floats(&all, "VEC4", false)));
+            attributes.insert("COLOR_0".into(), json!(self.floats(&all, false)));
         }
         let mut out = json!({ "mode": 4 });
         if features {
             let wide = mesh.feature_ids.len() > 1 << 16;
             let number = |&v: &u32| mesh.features[v as usize];
             let at = match wide {
-                true => self.floats(&vertices.iter().map(|v| [number(v) as f32]).collect::<Vec<_>>(), "SCALAR", false),
+                true => self.floats(&vertices.iter().map(|v| [number(v) as f32]).collect::<Vec<_>>(), false),
                 false => self.shorts(&vertices.iter().map(number).collect::<Vec<_>>()),
             };
             attributes.insert("_FEATURE_ID_0".into(), json!(at));
@@ -143,24 +143,11 @@ impl Painter<'_> {
     }
 
     /// An accessor of floats; a number that is none becomes 0.
-    fn floats<const N: usize>(&mut self, all: &[[f32; N]], kind: &str, bounds: bool) -> usize {
-        let odd = all.as_flattened().iter().filter(|v| !v.is_finite()).count();
-        self.odd += odd;
-        let finite = |v: &f32| if v.is_finite() { *v } else { 0.0 };
-        let bytes: Vec<u8> = all.as_flattened().iter().flat_map(|v| finite(v).to_le_bytes()).collect();
-        let view = self.file.view(&[("target", 34962)], bytes);
-        let mut accessor = json!({ "bufferView": view, "componentType": 5126, "count": all.len(), "type": kind });
-        if bounds {
-            let end = |f: fn(f32, f32) -> f32| {
-                all.iter()
-                    .copied()
-                    .reduce(|a, b| std::array::from_fn(|k| f(a[k], b[k])))
-                    .map(|a| a.map(f64::from).to_vec())
-            };
-            (accessor["min"], accessor["max"]) = (json!(end(f32::min)), json!(end(f32::max)));
-        }
-        self.file.accessors.push(accessor);
-        self.file.accessors.len() - 1
+    fn floats<const N: usize>(&mut self, all: &[[f32; N]], bounded: bool) -> usize {
+        self.odd += all.as_flattened().iter().filter(|v| !v.is_finite()).count();
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let all: Vec<[f32; N]> = all.iter().map(|v| v.map(finite)).collect();
+        self.file.vectors(&all, bounded)
     }
 
     /// An accessor of numbers below 2^16, each in four bytes, for alignment.

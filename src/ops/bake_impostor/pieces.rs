@@ -29,7 +29,7 @@ const LEAST: usize = 4;
 /// Texels up to so far apart are one piece.
 const NEAR: i64 = 4;
 /// Pieces are joined where their rectangle, with what is bled around it, takes less than that times theirs.
-const JOIN: f64 = 1.1;
+const JOIN: f64 = 1.2;
 /// A turned rectangle is taken where it is smaller than that.
 const TURN: f64 = 0.85;
 

@@ -86,6 +86,53 @@ fn a_box_is_six_quads_of_its_colours() {
     );
 }
 
+/// A board of 0.4 x 10 m that lies askew in one plane: its quad is about as large as it, and shows all of it.
+#[test]
+fn rectangles_lie_along_what_they_show() {
+    let along = [0.8, 0.6];
+    let at = |u: f64, v: f64| [2.0 + u * along[0] - v * along[1], 2.0 + u * along[1] + v * along[0], 0.0];
+    let mut mesh = brick();
+    mesh.positions = vec![at(0.0, 0.0), at(10.0, 0.0), at(10.0, 0.4), at(0.0, 0.4)];
+    mesh.triangles = vec![[0, 1, 2], [0, 2, 3]];
+    mesh.features.truncate(4);
+    mesh.primitives.truncate(1);
+    let mut tiles = six();
+    tiles.planes = vec![tiles.planes[4].map(|w| -w)];
+    for primitive in &mut tiles.planes {
+        // z = -0.25 m, seen from above.
+        let n = f64::from(tiles.lattice.cells);
+        let z = (-0.25 - tiles.lattice.origin[2]) / tiles.lattice.cell;
+        *primitive = [0.0, 0.0, n, n].map(|c| ((z - c) * 1000.0).round() as i64);
+    }
+    tiles.votes.truncate(1);
+    tiles.stages.truncate(1);
+    tiles.starts.truncate(2);
+    let how = BakeImpostor { texels_per_cell: 8.0, ..BakeImpostor::default() };
+    let out = bake(&mesh, &tiles, &how).unwrap();
+    assert_eq!(out.len(), 1);
+    let [a, b, c] = [0, 1, 2].map(|i| out.corners[i]);
+    let length = |p: [f64; 3], q: [f64; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>().sqrt();
+    let mut sides = [length(a, b), length(b, c)];
+    sides.sort_by(f64::total_cmp);
+    assert!((0.3..0.6).contains(&sides[0]) && (9.9..10.2).contains(&sides[1]), "{sides:?}");
+    assert!(out.worth.drawn > 0.9, "{:?}", out.worth);
+}
+
+#[test]
+fn normals_of_flat_sides_point_outside() {
+    let out = bake(&brick(), &six(), &BakeImpostor { normal_map: true, ..BakeImpostor::default() }).unwrap();
+    let map = crate::io::picture::Picture::decode(&out.normal_map).unwrap();
+    assert_eq!([map.levels[0].width, map.levels[0].height], out.worth.atlas);
+    assert!(map.levels[0].texels.iter().all(|t| *t == [128, 128, 255, 255]));
+    // Right and up of each quad are its corners'.
+    for (q, tangent) in out.tangents.iter().enumerate() {
+        let [a, b] = [0, 1].map(|i| out.corners[4 * q + i]);
+        let along: f64 = (0..3).map(|k| (b[k] - a[k]) * f64::from(tangent[k])).sum();
+        let length: f64 = (0..3).map(|k| (b[k] - a[k]) * (b[k] - a[k])).sum::<f64>().sqrt();
+        assert!((along - length).abs() < 1e-3 * length, "quad {q}");
+    }
+}
+
 #[test]
 fn the_same_on_one_thread() {
     let (mesh, tiles) = (brick(), six());
