@@ -61,7 +61,7 @@ crate::inputs! {
 
 impl Op for BakeImpostor {
     const NAME: &'static str = "bake-impostor";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = In;
     type Out = Impostors;
 
