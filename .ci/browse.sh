@@ -8,6 +8,7 @@ here=$PWD
 files=("$@")
 if [ ${#files[@]} -eq 0 ]; then
   files=(out/town/tileset/tileset.json)
+  for file in out/impostor/*.glb; do [ ! -f "$file" ] || files+=("$file"); done
   # What tests/views.rs kept: models with lodge's own pictures, to which three.js must agree.
   for file in target/tmp/views/*.views.json; do [ ! -f "$file" ] || files+=("$file"); done
 fi

@@ -84,6 +84,14 @@ fn a_scene_of_everything() {
     assert!(quads.len() > 10);
 }
 
+#[test]
+fn the_pavilion() {
+    let path = support::project().join("fixtures/pavilion/pavilion.glb");
+    let mesh = read(&path);
+    keep("pavilion", &path, &mesh, &views::cameras(&mesh), false);
+    impostor("pavilion-impostor", &mesh, 64);
+}
+
 /// Originals and impostors of the real meshes.
 #[test]
 fn real_meshes() {
