@@ -105,6 +105,7 @@ fn meshes_that_are_hardly_any() {
         ("a box of 10^31 m", brick([1e31; 3], [0.0; 3]), 16, Err("12 rejected; the first: `triangle 0` (a.obj:9)")),
         ("a box of 10^-160 m", brick([1e-160; 3], [0.0; 3]), 16, Err("bake-impostor: no tile draws as much as four")),
         ("a box of nothing", brick([5e-324; 3], [0.0; 3]), 16, Err("voxelize: cells of 0 m are too small")),
+        ("a box 10^15 m away", brick([1.0; 3], [1e15; 3]), 16, Err("voxelize: cells of 0.0625 m cannot be told apart")),
         ("a box 10^9 m away", brick([1.0; 3], [1e9; 3]), 16, Ok((6, 0.99, 0.99))),
     ] {
         let mesh = read(&[("a.obj", text.as_bytes())]).map_err(|e| e.to_string());
@@ -121,6 +122,19 @@ fn meshes_that_are_hardly_any() {
                 (got, _) => panic!("{name}, {fill}: {:?}", got.map(|q| (q.len(), q.worth.clone()))),
             }
         }
+    }
+}
+
+/// Nodes half a cell outside are black there: one white layer is left around them.
+#[test]
+fn surfaces_to_the_edge() {
+    let mesh = read(&[("a.obj", brick([1.0; 3], [0.0; 3]).as_bytes())]).unwrap();
+    for resolution in [1, 2, 3, 16, 33] {
+        let how = json!({"resolution": resolution, "fill": "surface"});
+        let voxels = operator("voxelize", how, &[], &[("mesh", &mesh)]).0.unwrap();
+        let tiles = operator("vote-tile", json!({"min-votes": 1}), &[], &[("voxels", &voxels)]).0.unwrap();
+        let tiles = lodge::op::cast::<PlaneTiles>(tiles).len();
+        assert!(resolution < 3 || tiles >= 6, "{resolution}: {tiles}");
     }
 }
 

@@ -5,6 +5,10 @@ use crate::artifact::mesh::{Alpha, Material};
 
 use super::picture::Picture;
 
+/// Pictures that are unpacked side by side, and texels after which no more are.
+const AT_ONCE: usize = 4;
+const MOST_TEXELS: u64 = 1 << 28;
+
 /// Pictures unpacked, materials at hand.
 pub struct Paint<'a> {
     mesh: &'a Mesh,
@@ -21,8 +25,19 @@ impl<'a> Paint<'a> {
     pub fn new(mesh: &'a Mesh) -> Self {
         use rayon::prelude::*;
         let images = &mesh.surface.images;
-        let read: Vec<Result<Picture, String>> =
-            (0..images.len()).into_par_iter().map(|i| Picture::decode(images.image(i))).collect();
+        let mut read: Vec<Result<Picture, String>> = Vec::with_capacity(images.len());
+        let all: Vec<usize> = (0..images.len()).collect();
+        let mut texels = 0;
+        for some in all.chunks(AT_ONCE) {
+            let enough = texels > MOST_TEXELS;
+            let decode = |&i: &usize| match enough {
+                true => Err(format!("is one too many: those before it have {texels} texels")),
+                false => Picture::decode(images.image(i)),
+            };
+            read.extend(some.par_iter().map(decode).collect::<Vec<_>>());
+            let size = |p: &Picture| p.levels[0].texels.len() as u64;
+            texels += read[some[0]..].iter().flatten().map(size).sum::<u64>();
+        }
         let faults = read.iter().enumerate().filter_map(|(i, r)| Some(format!("image {i} {}", r.as_ref().err()?)));
         let faults = faults.collect();
         let mut materials = vec![u32::MAX; mesh.triangles.len()];

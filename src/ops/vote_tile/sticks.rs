@@ -94,6 +94,10 @@ impl<'a> Gather<'a> {
         let (wide, long) = (2 * across + 1, 2 * (behind + 1));
         let [x, y, z] = stick.black.map(i32::from);
         let (axis, sign) = stick.axis();
+        let last = self.voxels.lattice.cells as i32 - behind.max(across) - 1;
+        if [x, y, z].iter().any(|c| !(behind.max(across) + 1..=last).contains(c)) {
+            return self.at_the_edge(stick);
+        }
         let mut pattern = 0u128;
         match axis {
             0 => {
@@ -140,6 +144,17 @@ impl<'a> Gather<'a> {
         }
         self.dictionary.find(pattern)
     }
+
+    /// The same, node by node, where the neighbourhood may reach beyond the grid: white is there.
+    fn at_the_edge(&self, stick: &Stick) -> Option<u16> {
+        let inside = 0..=self.voxels.lattice.cells as i32;
+        let black = |n: usize| {
+            let node = stick.node(self.dictionary.node(n));
+            node.iter().all(|c| inside.contains(c)) && self.voxels.is_black(node.map(|c| c as usize))
+        };
+        let pattern = (0..self.dictionary.nodes()).fold(0u128, |m, n| m | u128::from(black(n)) << n);
+        self.dictionary.find(pattern)
+    }
 }
 
 #[cfg(test)]
@@ -148,6 +163,28 @@ mod tests {
     use super::*;
     use crate::geom::frame::Frame;
     use crate::geom::lattice::Lattice;
+
+    /// Black nodes next to the grid's border, as the fill `surface` makes them: beyond is white.
+    #[test]
+    fn at_the_edge_beyond_is_white() {
+        let block = |from: usize| {
+            let mut voxels = Voxels::new(Frame::local(), Lattice { cells: 14, origin: [0.0; 3], cell: 1.0 });
+            for (x, y, z) in (0..6).flat_map(|x| (0..6).flat_map(move |y| (0..6).map(move |z| (x, y, z)))) {
+                voxels.set([x + from, y + from, z + from]);
+            }
+            voxels
+        };
+        let [edge, middle] = [1, 4].map(block);
+        let all = of(&edge);
+        assert_eq!(all.len(), 6 * 36);
+        for dictionary in [large(), small()] {
+            let (at_edge, inside) = (Gather::new(&edge, dictionary), Gather::new(&middle, dictionary));
+            for stick in &all {
+                let moved = Stick { black: stick.black.map(|c| c + 3), ..*stick };
+                assert_eq!(at_edge.entry(stick), inside.entry(&moved), "{stick:?}");
+            }
+        }
+    }
 
     /// Every stick's pattern, bit by bit, for a ball of nodes that is not quite in the middle.
     #[test]

@@ -161,6 +161,11 @@ pub fn snap(mesh: &Mesh, resolution: u32) -> Result<(Snapped, Lattice, Vec<usize
     if !(lattice.cell > 0.0 && lattice.cell.is_normal()) {
         return Err(Diagnostic::error("bad-mesh", format!("cells of {} m are too small", lattice.cell)));
     }
+    let far = low.iter().chain(&high).fold(0.0, |m: f64, c| m.max(c.abs()));
+    if lattice.cell < 256.0 * far * f64::EPSILON {
+        let message = format!("cells of {} m cannot be told apart {far} m away from the origin", lattice.cell);
+        return Err(Diagnostic::error("bad-mesh", message).help("move the mesh towards the origin"));
+    }
     // Corners of no triangle may lie anywhere, or nowhere.
     let part = |c: f64| (c * UNIT as f64).round().clamp(0.0, (f64::from(lattice.cells)) * UNIT as f64) as i32;
     let vertices = mesh.positions.par_iter().map(|&p| lattice.to_cells(p).map(part)).collect();
