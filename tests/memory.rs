@@ -310,9 +310,9 @@ fn ring([around, along]: [usize; 2]) -> String {
     let mut text = String::new();
     for (i, j) in (0..around).flat_map(|i| (0..along).map(move |j| (i, j))) {
         let [u, v] = [i as f64 / around as f64, j as f64 / along as f64].map(|t| t * std::f64::consts::TAU);
-        let thick = 0.4 + 0.05 * (5.0 * u).sin() * (3.0 * v).cos();
-        let wide = 1.0 + thick * v.cos();
-        writeln!(text, "v {:.6} {:.6} {:.6}", wide * u.cos(), wide * u.sin(), thick * v.sin()).unwrap();
+        let thick = 0.4 + 0.05 * libm::sin(5.0 * u) * libm::cos(3.0 * v);
+        let wide = 1.0 + thick * libm::cos(v);
+        writeln!(text, "v {:.6} {:.6} {:.6}", wide * libm::cos(u), wide * libm::sin(u), thick * libm::sin(v)).unwrap();
     }
     for (i, j) in (0..around).flat_map(|i| (0..along).map(move |j| (i, j))) {
         let at = |i: usize, j: usize| i % around * along + j % along + 1;

@@ -133,7 +133,7 @@ pub fn scene() -> Vec<u8> {
             {"mesh": 1, "translation": [3, 0.2, 0.5]},
             {"mesh": 2, "translation": [-3, 0.2, 0.5], "rotation": [0, 0.38268343, 0, 0.92387953]},
             {"mesh": 3, "translation": [0, 0, 3], "scale": [1, -1, 1]},
-            {"mesh": 4, "translation": [0, 0, -3], "rotation": [0.70710678, 0, 0, 0.70710678]},
+            {"mesh": 4, "translation": [0, 0, -3], "rotation": [0.6, 0, 0, 0.8]},
             {"mesh": 5, "translation": [3, 2.6, -1.5]},
             {"mesh": 6, "translation": [-3, 2.6, -1.5]},
             {"mesh": 7, "scale": [0.5, 0.5, 0.5],

@@ -223,7 +223,7 @@ fn models(name: &str, footprints: &chain::Any) {
         let cut_hulls = chain::run("cut", params, None, &[("hulls", &hulls), tree]);
         let mesh = chain::run("extrude", json!({}), None, &[("hulls", &cut_hulls), plan]);
         let bench = Bench::default();
-        let op = WriteGlb { path: format!("models/{name}-{cut}.glb") };
+        let op = WriteGlb { path: format!("models/{name}-{cut}.glb"), ..WriteGlb::default() };
         let files = op.run(&bench.ctx(), write_glb::In { model: write_glb::Model::Mesh(cast(mesh)) }).unwrap();
         let published = publish("models", &files, &bench.blobs);
         let glb = gltf::Glb::from_slice(published.values().next().unwrap()).unwrap();

@@ -67,7 +67,7 @@ pub fn pieces(scene: &Scene, k: usize, texel: f64) -> Vec<Piece> {
             for (i, texel) in anew.iter_mut().enumerate() {
                 let middle = [i as u32 % turned.size[0], i as u32 / turned.size[0]].map(|c| f64::from(c) + 0.5);
                 let [x, y] = window.place(turned.point(middle)).map(|c| c.floor() as i64);
-                let around = |v: i64| (-1..=1).any(|d| has(x + d, v, window.size, &own));
+                let around = |v: i64| (-1..=1).any(|d| has(x + d, v, window.size, own));
                 if texel.is_some() && !(-1..=1).any(|d| around(y + d)) {
                     *texel = None;
                 }
