@@ -63,7 +63,8 @@ fn impostor(name: &str, mesh: &Arc<Mesh>, resolution: u32) -> Impostors {
     let voxels: Voxels = run(&how, vec![vec![mesh.clone()]]).0;
     let tiles: PlaneTiles = run(&VoteTile::default(), vec![vec![Arc::new(voxels)]]).0;
     let quads = Arc::new(run(&BakeImpostor::default(), vec![vec![mesh.clone()], vec![Arc::new(tiles)]]).0);
-    let (files, bench): (Files, _) = run(&WriteGlb { path: "a.glb".into(), ..WriteGlb::default() }, vec![vec![quads.clone()]]);
+    let (files, bench): (Files, _) =
+        run(&WriteGlb { path: "a.glb".into(), ..WriteGlb::default() }, vec![vec![quads.clone()]]);
     let glb = bench.blobs.0.lock().unwrap()[&files.files[0].blob.digest].clone();
     let path = folder().join(format!("{name}.glb"));
     std::fs::write(&path, glb).unwrap();

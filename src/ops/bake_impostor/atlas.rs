@@ -3,6 +3,7 @@
 use guillotiere::{SimpleAtlasAllocator, size2};
 use rayon::prelude::*;
 
+use super::canvas::neighbours;
 use super::pieces::Piece;
 use crate::io::picture::Level;
 
@@ -121,7 +122,12 @@ impl Patch {
         let around = AROUND.into_iter().map(|a| (loss(&alpha, size, a), a));
         let around = around.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, a)| a);
         alpha.iter_mut().filter(|a| **a == 0).for_each(|a| *a = around);
-        Self { size, colour: bled(colour, size), normals: bled(normals, size), alpha }
+        Self {
+            size,
+            colour: bled(colour, size.map(|s| s as u32)),
+            normals: bled(normals, size.map(|s| s as u32)),
+            alpha,
+        }
     }
 }
 
@@ -167,15 +173,16 @@ fn doubled(alpha: &[u8], size: [usize; 2]) -> f64 {
 }
 
 /// Ring by ring: the mean of what is there already.
-fn bled(mut own: Vec<Option<[u8; 3]>>, size: [usize; 2]) -> Vec<[u8; 3]> {
+fn bled(mut own: Vec<Option<[u8; 3]>>, size: [u32; 2]) -> Vec<[u8; 3]> {
     let mut edge: Vec<usize> = (0..own.len()).filter(|&i| own[i].is_some()).collect();
     while !edge.is_empty() {
-        let mut ring: Vec<usize> = edge.iter().flat_map(|&i| around(i, size)).filter(|&j| own[j].is_none()).collect();
+        let mut ring: Vec<usize> =
+            edge.iter().flat_map(|&i| neighbours(i, size)).filter(|&j| own[j].is_none()).collect();
         ring.sort_unstable();
         ring.dedup();
         let mean = |j: &usize| {
             let (mut sum, mut n) = ([0u32; 3], 0);
-            for c in around(*j, size).filter_map(|i| own[i]) {
+            for c in neighbours(*j, size).filter_map(|i| own[i]) {
                 (0..3).for_each(|k| sum[k] += u32::from(c[k]));
                 n += 1;
             }
@@ -186,13 +193,6 @@ fn bled(mut own: Vec<Option<[u8; 3]>>, size: [usize; 2]) -> Vec<[u8; 3]> {
         edge = ring;
     }
     own.into_iter().map(Option::unwrap_or_default).collect()
-}
-
-/// Up to eight neighbours.
-fn around(i: usize, [w, h]: [usize; 2]) -> impl Iterator<Item = usize> {
-    let (x, y) = (i % w, i / w);
-    let rows = y.saturating_sub(1)..=(y + 1).min(h - 1);
-    rows.flat_map(move |v| (x.saturating_sub(1)..=(x + 1).min(w - 1)).map(move |u| v * w + u)).filter(move |&j| j != i)
 }
 
 #[cfg(test)]

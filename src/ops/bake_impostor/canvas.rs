@@ -6,10 +6,13 @@ use crate::io::picture::screen;
 
 /// Surfaces that turn away more than that smear: only a tile that they face most draws them.
 const STEEP: f64 = 0.3;
+/// Texels beyond its own that a tile draws in any case.
+const OVERLAP: u32 = 1;
+/// Cells beyond its own in which a tile draws what there is hidden behind its neighbours: so seams close up to where two
+/// planes meet, and no quad sticks out.
+const BEHIND: f64 = 2.0;
 /// Texels of the largest canvas.
 const LARGEST: u64 = 1 << 24;
-/// Texels beyond its own that a tile draws.
-const OVERLAP: u32 = 1;
 
 /// A rectangle in a plane, in texels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +84,8 @@ pub struct Texel {
 struct Fragment {
     near: f64,
     best: bool,
+    /// Drawn here, it lies behind the tile that it belongs to.
+    behind: bool,
     texel: Texel,
 }
 
@@ -99,7 +104,7 @@ pub fn around(scene: &Scene, k: usize, texel: f64) -> Window {
     Window { axes, corner: [low[0], high[1], scene.planes.offset(k)], texel, size }
 }
 
-/// Draws tile k: its own texels, and one around them.
+/// Draws tile k: its own texels, and what closes seams around them.
 pub fn draw(scene: &Scene, k: usize, window: &Window) -> Vec<Option<Texel>> {
     let Scene { mesh, paint, planes, reached } = scene;
     let ([right, up, normal], [left, top, offset], size) = (window.axes, window.corner, window.size);
@@ -129,28 +134,45 @@ pub fn draw(scene: &Scene, k: usize, window: &Window) -> Vec<Option<Texel>> {
             if before.0 && near <= before.1 {
                 return;
             }
-            let best = planes.is_best(k, reached.tiles(t), p, smooth, facing);
+            let owner = planes.best(reached.tiles(t), p, smooth).unwrap_or(k);
+            let best = owner == k;
             if (!best && facing < STEEP) || (best, near) <= before {
                 return;
             }
             if let Some(light) = paint.at(t, w, level) {
-                let normal = window.axes.map(|a| dot(a, smooth) as f32);
-                drawn[i] = Some(Fragment { near, best, texel: Texel { colour: light.map(screen), normal, two_sided } });
+                let along = window.axes.map(|a| dot(a, smooth) as f32);
+                let shown = [0, 1, 2].map(|a| p[a] - near * normal[a]);
+                let behind = planes.distance(owner, shown) <= 0.0;
+                drawn[i] = Some(Fragment {
+                    near,
+                    best,
+                    behind,
+                    texel: Texel { colour: light.map(screen), normal: along, two_sided },
+                });
             }
         });
     }
 
-    // (2) Its own texels, and those around them.
-    let own = |x: u32, y: u32| drawn[(y * size[0] + x) as usize].is_some_and(|d| d.best);
-    let beside = |x: u32, y: u32| {
-        let rows = y.saturating_sub(OVERLAP)..=(y + OVERLAP).min(size[1] - 1);
-        rows.into_iter().any(|v| (x.saturating_sub(OVERLAP)..=(x + OVERLAP).min(size[0] - 1)).any(|u| own(u, v)))
-    };
-    let kept = |i: usize| {
-        let (x, y) = (i as u32 % size[0], i as u32 / size[0]);
-        drawn[i].filter(|d| d.best || beside(x, y)).map(|d| d.texel)
-    };
-    (0..drawn.len()).map(kept).collect()
+    // (2) Its own texels, and ring by ring those around them.
+    let mut kept: Vec<bool> = drawn.iter().map(|d| d.is_some_and(|d| d.best)).collect();
+    let mut edge: Vec<usize> = (0..kept.len()).filter(|&i| kept[i]).collect();
+    for ring in 0..OVERLAP.max((BEHIND * planes.cell / window.texel).ceil() as u32) {
+        let more = |&i: &usize| !kept[i] && drawn[i].is_some_and(|d| ring < OVERLAP || d.behind);
+        let mut next: Vec<usize> = edge.iter().flat_map(|&i| neighbours(i, size)).filter(more).collect();
+        next.sort_unstable();
+        next.dedup();
+        next.iter().for_each(|&i| kept[i] = true);
+        edge = next;
+    }
+    drawn.iter().zip(kept).map(|(d, kept)| d.filter(|_| kept).map(|d| d.texel)).collect()
+}
+
+/// Up to eight texels around one.
+pub fn neighbours(i: usize, size: [u32; 2]) -> impl Iterator<Item = usize> {
+    let [w, h] = size.map(|s| s as usize);
+    let (x, y) = (i % w, i / w);
+    let rows = y.saturating_sub(1)..=(y + 1).min(h - 1);
+    rows.flat_map(move |v| (x.saturating_sub(1)..=(x + 1).min(w - 1)).map(move |u| v * w + u)).filter(move |&j| j != i)
 }
 
 /// Right, up and the normal: up is z where that can be seen.

@@ -3,13 +3,14 @@
 //! In:     the mesh, and the planes that vote-tile found for it.
 //! Out:    quads, one or more a tile, in one atlas of colour and coverage. A surface point is drawn where a plane within
 //!         the tiles' reach faces its smooth normal (of a two-sided material either side); of several planes by the one
-//!         that it faces most, then the nearest, then the first; along seams one texel of overlap. What is nearest to the
-//!         eye wins. Each connected piece of a tile gets the smallest rectangle around it, turned where that saves 15 %;
-//!         pieces are joined where their rectangle with its surroundings grows by less than 20 %; below four texels they
-//!         are dropped. A quad is seen from both sides if most of what it shows is (a mesh without materials is). Around
-//!         each piece colours are bled eight texels far, and alpha is the one below a half that keeps the area drawn in
-//!         four smaller copies best. `normal-map` adds an atlas of smooth normals. An atlas that would be too large gets
-//!         fewer texels a cell.
+//!         that it faces most, then the nearest, then the first; along seams one texel of overlap, and up to two cells of
+//!         what lies behind the neighbour's plane: seams close, nothing sticks out. What is nearest to the eye wins.
+//!         Each connected piece of a tile gets the smallest rectangle around it, turned where that saves 15 %; pieces are
+//!         joined where their rectangle with its surroundings grows by less than 20 %; below four texels they are
+//!         dropped. A quad is seen from both sides if most of what it shows is (a mesh without materials is). Around each
+//!         piece colours are bled eight texels far, and alpha is the one below a half that keeps the area drawn in four
+//!         smaller copies best. `normal-map` adds an atlas of smooth normals. An atlas that would be too large gets fewer
+//!         texels a cell.
 //! Errors: frames that differ; a picture that cannot be read; no tile, or nothing drawn; pieces that do not fit.
 //! Cost:   O(triangles x tiles) plane tests, O(fragments x tiles that reach them); a canvas of a tile's size at a time for
 //!         each thread, 2^24 texels at most.

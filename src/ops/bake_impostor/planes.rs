@@ -48,17 +48,19 @@ impl Planes {
         dot(self.all[k].0, p) - self.all[k].1
     }
 
-    /// Whether no tile of these that reaches `p` is better for a surface of this normal than tile k, which it faces by
-    /// `facing`: alignment, then distance, then the first.
-    pub fn is_best(&self, k: usize, among: &[u32], p: Vec3, normal: Vec3, facing: f64) -> bool {
-        let own = self.distance(k, p).abs();
-        among.iter().map(|&other| other as usize).filter(|&other| other != k).all(|other| {
-            let f = dot(self.all[other].0, normal);
-            f < facing || {
-                let d = self.distance(other, p).abs();
-                d > self.reach || f == facing && (d, other) > (own, k)
+    /// Of these tiles that reach `p` the one that a surface of this normal faces most, then the nearest, then the first.
+    pub fn best(&self, among: &[u32], p: Vec3, normal: Vec3) -> Option<usize> {
+        let mut best: Option<(f64, f64, usize)> = None;
+        for &k in among {
+            let facing = dot(self.all[k as usize].0, normal);
+            if best.is_none_or(|(f, ..)| facing >= f) {
+                let d = self.distance(k as usize, p).abs();
+                if d <= self.reach && best.is_none_or(|(f, other, _)| facing > f || d < other) {
+                    best = Some((facing, d, k as usize));
+                }
             }
-        })
+        }
+        best.map(|(.., k)| k)
     }
 }
 
