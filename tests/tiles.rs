@@ -89,7 +89,10 @@ fn open_meshes_do_not_leak() {
                     assert!([[edge, a, b], [a, edge, b], [a, b, edge]].iter().all(|&n| !all.is_black(n)), "{name}");
                 }
             }
-            all.inside() as f64 * all.lattice.cell.powi(3)
+            {
+                let cell = all.lattice.cell;
+                all.inside() as f64 * cell * cell * cell
+            }
         };
         let ratio = volume(64) / volume(32);
         assert!((0.7..1.4).contains(&ratio), "{name}: {ratio}");
@@ -149,7 +152,7 @@ fn hardly_a_mesh() {
 #[test]
 fn resolutions_out_of_range() {
     let place = support::Place::new();
-    place.write("it.obj", &block([0.0; 3], [1.0; 3], |p| p));
+    place.write("it.obj", block([0.0; 3], [1.0; 3], |p| p));
     for resolution in [0, 1, 4096] {
         let text = format!(
             "[node.read]\nop = \"read-mesh\"\npath = \"it.obj\"\n\n[node.grid]\nop = \"voxelize\"\nin.mesh = \"read\"\nresolution = {resolution}\n"

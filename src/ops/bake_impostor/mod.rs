@@ -71,7 +71,7 @@ impl Op for BakeImpostor {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (200 << 20) + 6 * input_bytes
+        (90 << 20) + 5 * input_bytes
     }
 }
 

@@ -112,7 +112,7 @@ impl Op for Voxelize {
 
     fn estimate(&self, input_bytes: u64) -> u64 {
         let side = u64::from(self.resolution) + 4;
-        (6 << 20) + 3 * input_bytes + side * side * side / 3
+        (6 << 20) + 7 * input_bytes / 2 + side * side * side / 3
     }
 }
 
