@@ -119,7 +119,7 @@ fn meshes_that_are_hardly_any() {
                     let worth = &out.worth;
                     assert!(worth.silhouette > silhouette && worth.drawn > drawn, "{name}, {fill}: {worth:?}");
                 }
-                (got, _) => panic!("{name}, {fill}: {:?}", got.map(|q| (q.len(), q.worth.clone()))),
+                (got, _) => panic!("{name}, {fill}: {:?}", got.map(|q| (q.len(), q.worth))),
             }
         }
     }

@@ -89,10 +89,8 @@ fn open_meshes_do_not_leak() {
                     assert!([[edge, a, b], [a, edge, b], [a, b, edge]].iter().all(|&n| !all.is_black(n)), "{name}");
                 }
             }
-            {
-                let cell = all.lattice.cell;
-                all.inside() as f64 * cell * cell * cell
-            }
+            let cell = all.lattice.cell;
+            all.inside() as f64 * cell * cell * cell
         };
         let ratio = volume(64) / volume(32);
         assert!((0.7..1.4).contains(&ratio), "{name}: {ratio}");
