@@ -82,9 +82,13 @@ impl Picture {
         if nearest {
             return texel(place[0].floor() as i64, place[1].floor() as i64);
         }
-        let corner = place.map(|v| (v - 0.5).floor());
-        let share = [0, 1].map(|k| (place[k] - 0.5 - corner[k]) as f32);
-        let [x, y] = corner.map(|v| v as i64);
+        // `floor` is a call on older processors.
+        let corner = place.map(|v| {
+            let whole = (v - 0.5) as i64;
+            whole - i64::from(whole as f64 > v - 0.5)
+        });
+        let share = [0, 1].map(|k| (place[k] - 0.5 - corner[k] as f64) as f32);
+        let [x, y] = corner;
         let mut out = [0.0; 4];
         for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
             let weight =

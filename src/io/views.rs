@@ -71,6 +71,34 @@ fn axes(eye: [f64; 3], up: [f64; 3]) -> [[f64; 3]; 3] {
 
 /// What a camera sees of a mesh. `shaded`: darker where the surface turns away.
 pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
+    let mut out = blank();
+    draw_with(mesh, paint, view, |i, light, shade| {
+        out.pixels[i] = pixel(if shaded { light.map(|l| l * shade) } else { light });
+    });
+    out
+}
+
+/// The same without shades and with them, at the cost of one.
+fn draw_both(mesh: &Mesh, paint: &Paint, view: &View) -> (Seen, Seen) {
+    let (mut plain, mut shaded) = (blank(), blank());
+    draw_with(mesh, paint, view, |i, light, shade| {
+        plain.pixels[i] = pixel(light);
+        shaded.pixels[i] = pixel(light.map(|l| l * shade));
+    });
+    (plain, shaded)
+}
+
+fn blank() -> Seen {
+    Seen { pixels: vec![[0; 4]; (SIDE * SIDE) as usize] }
+}
+
+fn pixel(light: [f32; 3]) -> [u8; 4] {
+    let [r, g, b] = light.map(screen);
+    [r, g, b, 255]
+}
+
+/// Calls `put` with a pixel, its light and its shade, later calls in front of earlier ones.
+fn draw_with(mesh: &Mesh, paint: &Paint, view: &View, mut put: impl FnMut(usize, [f32; 3], f32)) {
     let scale = f64::from(SIDE) / 2.0 / view.half;
     let middle = f64::from(SIDE) / 2.0;
     // In parts of a pixel, and how near.
@@ -81,8 +109,7 @@ pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
         ([part(middle + x), part(middle - y)], z)
     };
     let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(place).collect();
-    let n = (SIDE * SIDE) as usize;
-    let (mut depth, mut pixels) = (vec![f64::NEG_INFINITY; n], vec![[0; 4]; n]);
+    let mut depth = vec![f64::NEG_INFINITY; (SIDE * SIDE) as usize];
     for (t, corners) in mesh.triangles.iter().enumerate() {
         let corners = corners.map(|v| placed[v as usize]);
         let flat = corners.map(|c| c.0);
@@ -92,7 +119,7 @@ pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
             continue;
         }
         let level = paint.level(t, area.abs() as f64 / (2 * PARTS * PARTS) as f64);
-        let shade = if shaded { 0.3 + 0.7 * dot(paint.face_normal(t), view.axes[2]).abs() as f32 } else { 1.0 };
+        let shade = 0.3 + 0.7 * dot(paint.face_normal(t), view.axes[2]).abs() as f32;
         raster::cover(&flat, [SIDE; 2], |x, y, w| {
             let i = (y * SIDE + x) as usize;
             let z = w[0] * corners[0].1 + w[1] * corners[1].1 + w[2] * corners[2].1;
@@ -100,17 +127,20 @@ pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
                 && let Some(light) = paint.at(t, w, level)
             {
                 depth[i] = z;
-                let [r, g, b] = light.map(|l| screen(l * shade));
-                pixels[i] = [r, g, b, 255];
+                put(i, light, shade);
             }
         });
     }
-    Seen { pixels }
 }
 
 /// What all 14 cameras see.
 pub fn all(mesh: &Mesh, paint: &Paint, cameras: &[View; 14], shaded: bool) -> Vec<Seen> {
     cameras.par_iter().map(|view| draw(mesh, paint, view, shaded)).collect()
+}
+
+/// What all 14 cameras see, without shades and with them.
+pub fn all_both(mesh: &Mesh, paint: &Paint, cameras: &[View; 14]) -> (Vec<Seen>, Vec<Seen>) {
+    cameras.par_iter().map(|view| draw_both(mesh, paint, view)).unzip()
 }
 
 /// How alike two sets of pictures are.

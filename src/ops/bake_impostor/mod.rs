@@ -158,12 +158,12 @@ pub fn bake_impostor(
     let quads = out.mesh();
     let cameras = views::cameras(mesh);
     let quad_paint = Paint::new(&quads);
-    let mut sets = [views::all(mesh, &paint, &cameras, false), views::all(&quads, &quad_paint, &cameras, false)];
-    let like = views::likeness(&sets[0], &sets[1]);
-    if mesh.surface.materials.is_empty() {
-        // Bare surfaces show by their shading.
-        sets = [views::all(mesh, &paint, &cameras, true), views::all(&quads, &quad_paint, &cameras, true)];
-    }
+    let (plain, shaded) = views::all_both(mesh, &paint, &cameras);
+    let (quads_plain, quads_shaded) = views::all_both(&quads, &quad_paint, &cameras);
+    let like = views::likeness(&plain, &quads_plain);
+    // Bare surfaces show by their shading.
+    let bare = mesh.surface.materials.is_empty();
+    let sets = if bare { [shaded, quads_shaded] } else { [plain, quads_plain] };
     out.sheet = views::on_sheet(&sets).png();
     let mut of_tile = vec![Vec::new(); planes.len()];
     pieces.iter().for_each(|p| of_tile[p.tile].push(p));
