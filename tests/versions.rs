@@ -1,24 +1,60 @@
 //! An operator whose bytes change says so in its VERSION: else old results in people's caches pass for new ones.
 //!
 //! `tests/versions.tsv` holds, of every stage of the shipped pipelines, the key (operator, version, parameters, contents of
-//! the inputs) and the digest of its result. One key, two digests: the version was forgotten. After a change that
-//! was meant, `LODGE_UPDATE=1 cargo test --test versions` writes the file anew, but never over a forgotten version.
+//! the inputs) and the digest of its result. One key, two digests: the version was forgotten. Another key: every cache in
+//! the world is cold, and that must be meant. After a change that was, `LODGE_UPDATE=1 cargo test --test versions` writes
+//! the file anew, but never over a forgotten version.
+//!
+//! The same files in another folder, as of another time, have the same keys: nothing of the place is in them.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
 use lodge::graph::Graph;
 use lodge::run;
+use lodge::run::forecast::{Fate, forecast};
+use lodge::run::store::Store;
+
+fn load(root: &Path, name: &str) -> Arc<Graph> {
+    let graph = Graph::load(&root.join(format!("pipelines/{name}.toml")), &[], &lodge::ops::ALL);
+    Arc::new(graph.unwrap_or_else(|e| panic!("{name}: {e:?}")))
+}
+
+/// The shipped pipelines.
+fn names(root: &Path) -> Vec<String> {
+    let entries = fs::read_dir(root.join("pipelines")).unwrap();
+    let toml = |name: &String| name.ends_with(".toml");
+    let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).filter(toml).collect();
+    names.sort();
+    names.iter().map(|n| n.trim_end_matches(".toml").to_string()).collect()
+}
+
+/// Files only, with new times.
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let (path, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
+        if path.is_dir() {
+            copy(&path, &to);
+        } else {
+            fs::write(to, fs::read(&path).unwrap()).unwrap();
+        }
+    }
+}
 
 #[test]
 fn bytes_change_only_with_the_version() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let golden = root.join("tests/versions.tsv");
+    let elsewhere = tempfile::tempdir().unwrap();
+    for part in ["pipelines", "fixtures"] {
+        copy(&root.join(part), &elsewhere.path().join("a folder").join(part));
+    }
     let mut found = String::new();
-    for name in ["city", "city-barriers", "city-cityjson", "impostor", "town"] {
-        let graph = Graph::load(&root.join(format!("pipelines/{name}.toml")), &[], &lodge::ops::ALL);
-        let graph = Arc::new(graph.unwrap_or_else(|e| panic!("{name}: {e:?}")));
+    for name in names(root) {
+        let graph = load(root, &name);
         let cache = tempfile::tempdir().unwrap();
         let outcome = run::run(&graph, &[], &run::Options::new(cache.path()), &mut |_| ());
         for node in &outcome.nodes {
@@ -26,6 +62,20 @@ fn bytes_change_only_with_the_version() {
             let record = node.record.as_ref().unwrap_or_else(|| panic!("{name}: `{}`: {:?}", of.name, node.error));
             let what = format!("{name}\t{}\t{} {}", of.name, of.entry.name, of.entry.version);
             found += &format!("{what}\t{}\t{}\n", record.key, record.digest);
+            let places = [root, cache.path(), elsewhere.path()].map(|p| p.display().to_string());
+            for (line, value) in &record.lines {
+                assert!(!places.iter().any(|p| value.contains(p)), "{what}: a path in the key: {line} = {value}");
+            }
+        }
+        // What ran here is found from there.
+        let moved = load(&elsewhere.path().join("a folder"), &name);
+        for (there, here) in forecast(&moved, &[], &Store::look(cache.path()).unwrap()).iter().zip(&outcome.nodes) {
+            let (node, key) = (&moved.nodes[there.index].name, here.record.as_ref().unwrap().key);
+            assert_eq!(node, &here.name);
+            assert!(
+                matches!(&there.fate, Fate::Cached(r) if r.key == key),
+                "{name}: `{node}` has another key elsewhere"
+            );
         }
     }
 
