@@ -61,6 +61,7 @@ pub fn options(globals: &Globals, place: &Place) -> Options {
     options.jobs = jobs;
     options.memory = globals.memory;
     options.fail_fast = globals.fail_fast;
+    options.peaks = globals.events.is_some();
     options.stop = stop_on_ctrl_c();
     options
 }

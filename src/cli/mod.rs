@@ -58,7 +58,7 @@ enum Command {
     Reject(reject::Args),
     /// Run what is needed and publish what writers made
     Run(run::Args),
-    /// The JSON Schema of pipeline files, for editors
+    /// The JSON Schema of pipeline files, for editors, or of --events
     Schema(schema::Args),
     /// Show the summary of a node's result
     Show(show::Args),
@@ -112,7 +112,7 @@ pub struct Globals {
     /// Form of the log on standard error
     #[arg(long, value_name = "FORM", global = true, help_heading = "Global", default_value = "text")]
     pub log_format: LogFormat,
-    /// Write what happens to a file, one JSON object a line
+    /// Write what happens to a file, one JSON object a line, as `lodge schema events` says
     #[arg(long, value_name = "FILE", global = true, help_heading = "Global")]
     pub events: Option<PathBuf>,
     /// Say only what is wrong

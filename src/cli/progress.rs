@@ -97,7 +97,7 @@ impl Teller {
             Event::Warning { node: Some(node), text } => tracing::warn!(node, "{text}"),
             Event::Published { path, bytes } => tracing::debug!(path, bytes, "published"),
             Event::Removed { path } => tracing::debug!(path, "removed"),
-            Event::Done { ok, seconds } => {
+            Event::Done { ok, seconds, .. } => {
                 tracing::info!(ok, seconds, "done");
                 if let Some(bar) = &self.bar {
                     bar.finish_and_clear();
@@ -129,7 +129,8 @@ impl Teller {
         let mut line = event.to_json();
         line["at"] = json!(UNIX_EPOCH.elapsed().map_or(0.0, |d| d.as_secs_f64()));
         line["after"] = json!(self.started.elapsed().as_secs_f64());
-        if let Err(error) = writeln!(file, "{line}") {
+        // In one piece: a run that is killed leaves whole lines.
+        if let Err(error) = file.write_all(format!("{line}\n").as_bytes()) {
             eprintln!("warning: cannot write events: {error}");
             self.events = None;
         }

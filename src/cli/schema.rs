@@ -1,4 +1,5 @@
-//! `lodge schema`: the JSON Schema (draft-07) of pipeline files, for editors. One branch for each operator, from the
+//! `lodge schema [pipeline|events]`: the JSON Schema (draft-07) of pipeline files, for editors, or of the lines of `--events`, from
+//! the types of `run::event`. Of pipeline files one branch for each operator, from the
 //! same declarations that `check` reads; every parameter also accepts a text with `${name}`.
 
 use serde_json::{Map, Value, json};
@@ -8,11 +9,26 @@ use crate::graph::port_name;
 use crate::op::{Entry, PortDecl, Registry};
 
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// Of what
+    #[arg(value_enum, default_value = "pipeline")]
+    of: Of,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Of {
+    /// Pipeline files
+    Pipeline,
+    /// A line of --events
+    Events,
+}
 
 impl Args {
     pub fn run(self, _: &Globals) -> Outcome {
-        super::say(&text(&crate::ops::ALL));
+        super::say(&match self.of {
+            Of::Pipeline => text(&crate::ops::ALL),
+            Of::Events => events(),
+        });
         Ok(Exit::Done)
     }
 }
@@ -20,6 +36,11 @@ impl Args {
 /// What `schemas/pipeline.schema.json` holds.
 pub fn text(registry: &Registry) -> String {
     format!("{:#}\n", schema(registry))
+}
+
+/// What `schemas/events.schema.json` holds.
+pub fn events() -> String {
+    format!("{:#}\n", crate::run::event::schema())
 }
 
 const KEBAB: &str = "^[a-z0-9]+(-[a-z0-9]+)*$";
@@ -240,5 +261,12 @@ mod tests {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/schemas/pipeline.schema.json");
         let kept = std::fs::read_to_string(path).unwrap_or_default();
         assert!(kept == text(&crate::ops::ALL), "run `lodge schema > schemas/pipeline.schema.json`");
+    }
+
+    #[test]
+    fn the_schema_of_events_is_fresh() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/schemas/events.schema.json");
+        let kept = std::fs::read_to_string(path).unwrap_or_default();
+        assert!(kept == events(), "run `lodge schema events > schemas/events.schema.json`");
     }
 }

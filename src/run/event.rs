@@ -1,10 +1,15 @@
-//! What happens in a run, as it happens: for progress bars, `--events` and tests.
+//! What happens in a run, as it happens: for progress bars, `--events` and tests. The JSON Schema of the lines of
+//! `--events` comes from these types (`lodge schema events`).
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::digest::Digest;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(inline)]
 pub enum Status {
     Ran,
     Cached,
@@ -13,6 +18,8 @@ pub enum Status {
 }
 
 impl Status {
+    pub const ALL: [Status; 4] = [Status::Ran, Status::Cached, Status::Failed, Status::Skipped];
+
     pub fn name(self) -> &'static str {
         match self {
             Status::Ran => "ran",
@@ -24,43 +31,52 @@ impl Status {
 }
 
 /// One happening. Nodes go by name.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[serde(tag = "event", rename_all = "kebab-case")]
 pub enum Event {
+    /// The first line.
     Started {
         pipeline: String,
+        /// Nodes that are wanted.
         nodes: usize,
     },
-    NodeStarted {
-        node: String,
-        op: &'static str,
-    },
+    /// The operator begins. A cached node has no such line.
+    NodeStarted { node: String, op: &'static str },
+    /// What became of a node. After damage in the cache it may be told again, in another pass: the last one holds.
     NodeDone {
         node: String,
         status: Status,
+        /// What the run took, now or when the result was kept.
         seconds: f64,
+        /// Of the result, where there is one.
+        #[schemars(with = "Option<String>")]
         digest: Option<Digest>,
+        /// Of the result and the files that belong to it.
         bytes: u64,
+        /// The most memory that the whole process held while the node ran. Null where it is not known: with `-j`
+        /// above 1, for nodes that did not run, and on systems other than Linux.
+        peak_bytes: Option<u64>,
     },
     /// Another process computes the node's result, or publishes into the folder.
     Waiting {
+        /// Node or folder.
         what: String,
+        /// Its id, or 0 where that is not known.
+        #[serde(rename = "process")]
         on: i32,
     },
+    /// Of a node, or of the run as a whole.
     Warning {
         node: Option<String>,
+        #[serde(rename = "message")]
         text: String,
     },
-    Published {
-        path: String,
-        bytes: u64,
-    },
-    Removed {
-        path: String,
-    },
-    Done {
-        ok: bool,
-        seconds: f64,
-    },
+    /// A file was written into the output folder.
+    Published { path: String, bytes: u64 },
+    /// A file that is no longer made was removed from there.
+    Removed { path: String },
+    /// The last line.
+    Done { ok: bool, interrupted: bool, seconds: f64 },
 }
 
 /// Hears of everything, in the order of happening, from one thread.
@@ -69,16 +85,24 @@ pub type Observer<'a> = dyn FnMut(&Event) + 'a;
 impl Event {
     /// One line of `--events`, without the time.
     pub fn to_json(&self) -> Value {
-        match self {
-            Event::Started { pipeline, nodes } => json!({"event": "started", "pipeline": pipeline, "nodes": nodes}),
-            Event::NodeStarted { node, op } => json!({"event": "node-started", "node": node, "op": op}),
-            Event::NodeDone { node, status, seconds, digest, bytes } => json!({"event": "node-done", "node": node,
-                "status": status.name(), "seconds": seconds, "digest": digest, "bytes": bytes}),
-            Event::Waiting { what, on } => json!({"event": "waiting", "what": what, "process": on}),
-            Event::Warning { node, text } => json!({"event": "warning", "node": node, "message": text}),
-            Event::Published { path, bytes } => json!({"event": "published", "path": path, "bytes": bytes}),
-            Event::Removed { path } => json!({"event": "removed", "path": path}),
-            Event::Done { ok, seconds } => json!({"event": "done", "ok": ok, "seconds": seconds}),
-        }
+        serde_json::to_value(self).expect("events are plain data")
     }
+}
+
+/// The JSON Schema (draft-07) of one line of `--events`.
+pub fn schema() -> Value {
+    let settings = schemars::generate::SchemaSettings::draft07().with(|s| s.inline_subschemas = true);
+    let mut schema = settings.into_generator().into_root_schema_for::<Event>().to_value();
+    schema["title"] = "a line of lodge --events".into();
+    schema["description"] = "JSON objects, one a line, in the order of happening".into();
+    for branch in schema["oneOf"].as_array_mut().into_iter().flatten() {
+        branch["additionalProperties"] = false.into();
+        let seconds = |what: &str| json!({"type": "number", "format": "double", "description": what});
+        branch["properties"]["at"] = seconds("seconds since 1970-01-01 00:00 UTC");
+        branch["properties"]["after"] = seconds("seconds since the command began");
+        // What may be null is there all the same.
+        let names = branch["properties"].as_object().expect("an object").keys().cloned().collect::<Vec<_>>();
+        branch["required"] = json!(names);
+    }
+    schema
 }

@@ -14,7 +14,9 @@ use std::sync::{Arc, Mutex, Once};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::Options;
 use super::key::Lines;
+use super::peak::Peak;
 use super::record::{self, Record};
 use super::stamp::{self, Stamp};
 use super::store::Store;
@@ -67,12 +69,15 @@ pub enum End {
     Ran {
         node: usize,
         record: Box<Record>,
+        /// Of the process while it ran, where that is wanted and known.
+        peak: Option<u64>,
     },
     Failed {
         node: usize,
         error: Box<Diagnostic>,
         seconds: f64,
         warnings: Vec<String>,
+        peak: Option<u64>,
     },
     /// An input is missing in the cache, or damaged.
     Lost {
@@ -102,6 +107,8 @@ struct Shared {
     graph: Arc<Graph>,
     store: Arc<Store>,
     stop: Arc<AtomicBool>,
+    /// Whether peaks are wanted, and nodes run one by one.
+    peaks: bool,
     /// Results that some node still wants.
     shelf: Mutex<BTreeMap<Digest, Arc<Slot>>>,
 }
@@ -111,12 +118,19 @@ struct Shared {
 struct Slot(Mutex<Option<Arc<dyn AnyArtifact>>>);
 
 impl Local {
-    pub fn new(jobs: usize, graph: Arc<Graph>, store: Arc<Store>, stop: Arc<AtomicBool>) -> Self {
+    pub fn new(options: &Options, graph: Arc<Graph>, store: Arc<Store>) -> Self {
         hear_panics();
+        let jobs = options.jobs;
         let (tasks, todo) = mpsc::channel::<Task>();
         let (done, ends) = mpsc::channel();
         let todo = Arc::new(Mutex::new(todo));
-        let shared = Arc::new(Shared { graph, store, stop, shelf: Mutex::default() });
+        let shared = Arc::new(Shared {
+            graph,
+            store,
+            stop: options.stop.clone(),
+            peaks: options.peaks && jobs == 1,
+            shelf: Mutex::default(),
+        });
         for i in 0..jobs {
             let (todo, done, shared) = (todo.clone(), done.clone(), shared.clone());
             let work = move || {
@@ -162,7 +176,11 @@ impl Shared {
             Task::Run(run) => {
                 let node = &self.graph.nodes[run.node];
                 let _span = tracing::info_span!("node", name = %node.name, op = node.entry.name).entered();
-                let end = self.run(*run);
+                let watch = self.peaks.then(Peak::start);
+                let mut end = self.run(*run);
+                if let End::Ran { peak, .. } | End::Failed { peak, .. } = &mut end {
+                    *peak = watch.and_then(Peak::end);
+                }
                 if let End::Ran { record, .. } = &end {
                     tracing::info!(seconds = record.seconds, bytes = record.bytes, digest = %record.digest, "ran");
                 }
@@ -196,6 +214,7 @@ impl Shared {
             error,
             seconds: started.elapsed().as_secs_f64(),
             warnings: findings.warnings,
+            peak: None,
         };
 
         // (3) What was read must be what was hashed.
@@ -215,7 +234,7 @@ impl Shared {
                     let slot = Arc::new(Slot(Mutex::new(Some(artifact))));
                     self.shelf.lock().unwrap().insert(record.digest, slot);
                 }
-                End::Ran { node: id, record: Box::new(record) }
+                End::Ran { node: id, record: Box::new(record), peak: None }
             }
             Err(error) => {
                 let message = format!("cannot keep the result in `{}`: {error}", self.store.root().display());

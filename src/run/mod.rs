@@ -14,6 +14,7 @@ pub mod last;
 pub mod lock;
 pub mod pack;
 mod pass;
+pub mod peak;
 pub mod plan;
 pub mod publish;
 pub mod published;
@@ -50,6 +51,8 @@ pub struct Options {
     pub memory: Option<u64>,
     /// Start nothing more after a failure.
     pub fail_fast: bool,
+    /// Look how much memory each node takes, where nodes run one by one.
+    pub peaks: bool,
     /// Read published files even where their stamps are as they were.
     pub verify: bool,
     /// Under which a plan for null reruns is kept.
@@ -66,6 +69,7 @@ impl Options {
             jobs: 1,
             memory: None,
             fail_fast: false,
+            peaks: false,
             verify: false,
             plan: None,
             stop: Arc::default(),
@@ -127,7 +131,7 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
     match Store::open(&options.cache) {
         Ok(store) => {
             let store = Arc::new(store);
-            let executor = Local::new(options.jobs, graph.clone(), store.clone(), options.stop.clone());
+            let executor = Local::new(options, graph.clone(), store.clone());
             Loop::new(graph, only, options, store.clone(), Box::new(executor), observer).run(&mut outcome);
             if let Err(error) = last::note(&store, graph, &outcome) {
                 tracing::debug!(%error, "cannot note the run");
@@ -148,7 +152,7 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
         }
     }
     outcome.seconds = started.elapsed().as_secs_f64();
-    observer(&Event::Done { ok: outcome.ok(), seconds: outcome.seconds });
+    observer(&Event::Done { ok: outcome.ok(), interrupted: outcome.interrupted, seconds: outcome.seconds });
     outcome
 }
 

@@ -325,18 +325,20 @@ impl<'a, 'o> Loop<'a, 'o> {
                     Err(error) => self.failed(node, error),
                 }
             }
-            End::Ran { node, record } => {
+            End::Ran { node, record, peak } => {
                 let Some(flight) = self.flights.remove(&node) else { return };
+                self.slots[node].peak = peak;
                 let record = Arc::new(*record);
                 self.done(node, record.clone(), true);
                 flight.twins.iter().for_each(|&twin| self.done(twin, record.clone(), false));
             }
-            End::Failed { node, error, seconds, warnings } => {
+            End::Failed { node, error, seconds, warnings, peak } => {
                 let Some(flight) = self.flights.remove(&node) else { return };
                 // It gave up because it was told to: no failure of its own.
                 if self.stopped() && error.code == "interrupted" {
                     return;
                 }
+                self.slots[node].peak = peak;
                 for n in [node].into_iter().chain(flight.twins) {
                     self.slots[n].seconds = seconds;
                     self.slots[n].warnings = warnings.clone();
@@ -372,9 +374,11 @@ impl<'a, 'o> Loop<'a, 'o> {
             *self.wants.entry(record.digest).or_default() += slot.users.len();
         }
         slot.record = Some(record.clone());
-        (self.observer)(&Event::NodeDone { node: node.name.clone(), status, seconds: record.seconds, digest, bytes });
+        let (node, seconds, peak_bytes) = (node.name.clone(), record.seconds, slot.peak);
+        let done = Event::NodeDone { node: node.clone(), status, seconds, digest, bytes, peak_bytes };
+        (self.observer)(&done);
         for text in &record.warnings {
-            (self.observer)(&Event::Warning { node: Some(node.name.clone()), text: text.clone() });
+            (self.observer)(&Event::Warning { node: Some(node.clone()), text: text.clone() });
         }
         self.settle(n);
     }
@@ -388,8 +392,8 @@ impl<'a, 'o> Loop<'a, 'o> {
             error = error.at(node.span.clone());
         }
         slot.error = Some(error);
-        let (node, seconds) = (node.name.clone(), slot.seconds);
-        (self.observer)(&Event::NodeDone { node, status: Status::Failed, seconds, digest: None, bytes: 0 });
+        let (node, status, seconds, peak_bytes) = (node.name.clone(), Status::Failed, slot.seconds, slot.peak);
+        (self.observer)(&Event::NodeDone { node, status, seconds, digest: None, bytes: 0, peak_bytes });
         self.settle(n);
     }
 
@@ -398,7 +402,8 @@ impl<'a, 'o> Loop<'a, 'o> {
         slot.state = State::Skipped;
         slot.because = Some(because);
         let node = self.graph.nodes[n].name.clone();
-        (self.observer)(&Event::NodeDone { node, status: Status::Skipped, seconds: 0.0, digest: None, bytes: 0 });
+        let (status, digest, peak_bytes) = (Status::Skipped, None, None);
+        (self.observer)(&Event::NodeDone { node, status, seconds: 0.0, digest, bytes: 0, peak_bytes });
         self.settle(n);
     }
 

@@ -37,6 +37,7 @@ pub struct Slot {
     /// In this run, in whichever pass.
     pub ran: bool,
     pub seconds: f64,
+    pub peak: Option<u64>,
     pub warnings: Vec<String>,
     pub error: Option<Box<Diagnostic>>,
     pub because: Option<String>,
@@ -74,6 +75,7 @@ impl Slot {
             record: None,
             ran: false,
             seconds: 0.0,
+            peak: None,
             warnings: Vec::new(),
             error: None,
             because: None,
