@@ -51,7 +51,8 @@ impl Which {
         Ok(Exit::Done)
     }
 
-    fn pending(&self) -> Result<Vec<Pending>, Stop> {
+    /// Where they lie, by name.
+    pub fn pending(&self) -> Result<Vec<Pending>, Stop> {
         let Some(file) = &self.file else {
             let mut out = Vec::new();
             for folder in folders(Path::new(".")) {

@@ -8,6 +8,7 @@ mod engine;
 mod export;
 mod graph;
 mod ops;
+mod pending;
 mod plan;
 mod progress;
 mod reject;
@@ -52,6 +53,8 @@ enum Command {
     Graph(graph::Args),
     /// The manual of the operators, from their own declarations
     Ops(ops::Args),
+    /// List pending snapshots, and how they differ
+    Pending(pending::Args),
     /// Tell what a run would do, and why
     Plan(plan::Args),
     /// Throw pending snapshots away
@@ -77,6 +80,7 @@ impl Command {
             Command::Export(args) => args.run(globals),
             Command::Graph(args) => args.run(globals),
             Command::Ops(args) => args.run(globals),
+            Command::Pending(args) => args.run(globals),
             Command::Plan(args) => args.run(globals),
             Command::Reject(args) => args.run(globals),
             Command::Run(args) => args.run(globals),

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use similar::TextDiff;
 
 use super::engine::{self, Place};
+use super::pending::{difference, indented};
 use super::progress::Teller;
 use super::{Exit, Globals, Outcome, Set, Stop, Target, render};
 use crate::diag::Diagnostic;
@@ -110,9 +110,9 @@ fn to_text(graph: &Graph, stages: &[(usize, Verdict)], rules: Rules) -> String {
                 new += 1;
                 out += &format!("new: {name}\n{}\n", indented(text));
             }
-            Verdict::Differs { .. } => {
+            Verdict::Differs { old, new } => {
                 differ += 1;
-                out += &format!("differs: {name}\n{}\n", indented(&difference(verdict)));
+                out += &format!("differs: {name}\n{}\n", indented(&difference(old, new)));
             }
         }
     }
@@ -131,20 +131,6 @@ fn to_text(graph: &Graph, stages: &[(usize, Verdict)], rules: Rules) -> String {
     out + "\n"
 }
 
-fn difference(verdict: &Verdict) -> String {
-    match verdict {
-        Verdict::Differs { old, new } if old == new => "the bytes differ, the summary does not".to_string(),
-        Verdict::Differs { old, new } => {
-            TextDiff::from_lines(old, new).unified_diff().context_radius(2).missing_newline_hint(false).to_string()
-        }
-        _ => String::new(),
-    }
-}
-
-fn indented(text: &str) -> String {
-    text.lines().map(|l| format!("    {l}")).collect::<Vec<_>>().join("\n")
-}
-
 fn to_json(graph: &Graph, stages: &[(usize, Verdict)]) -> Value {
     let stage = |(node, verdict): &(usize, Verdict)| {
         let name = &graph.nodes[*node].name;
@@ -154,8 +140,8 @@ fn to_json(graph: &Graph, stages: &[(usize, Verdict)]) -> Value {
             Verdict::Differs { .. } => "differs",
         };
         let mut out = json!({"name": name, "verdict": told, "snapshot": snapshot::path(graph, name)});
-        if let Verdict::Differs { .. } = verdict {
-            out["diff"] = json!(difference(verdict));
+        if let Verdict::Differs { old, new } = verdict {
+            out["diff"] = json!(difference(old, new));
         }
         out
     };

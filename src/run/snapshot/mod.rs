@@ -167,6 +167,15 @@ impl Pending {
         self.node == node || self.node.split('[').next() == Some(node)
     }
 
+    /// What it would replace.
+    pub fn old(&self) -> io::Result<Option<Snap>> {
+        read(&self.path.with_extension(""))
+    }
+
+    pub fn new(&self) -> io::Result<Snap> {
+        read(&self.path)?.ok_or_else(|| io::ErrorKind::NotFound.into())
+    }
+
     /// It becomes the snapshot.
     pub fn accept(&self) -> io::Result<()> {
         std::fs::rename(&self.path, self.path.with_extension(""))
@@ -183,7 +192,8 @@ pub fn pending(folder: &Path) -> io::Result<Vec<Pending>> {
     for path in entries(folder) {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let Some((pipeline, node)) = name.strip_suffix(".snap.new").and_then(|n| n.split_once("__")) else { continue };
-        let node = match read(&path)?.as_ref().and_then(|s| s.info("node")) {
+        let snap = read(&path).map_err(|e| io::Error::new(e.kind(), format!("{name}: {e}")))?;
+        let node = match snap.as_ref().and_then(|s| s.info("node")) {
             Some(told) => told.to_string(),
             None => node.to_string(),
         };
