@@ -13,6 +13,7 @@ mod plan;
 mod progress;
 mod reject;
 pub mod render;
+mod review;
 mod run;
 mod schema;
 mod show;
@@ -59,6 +60,8 @@ enum Command {
     Plan(plan::Args),
     /// Throw pending snapshots away
     Reject(reject::Args),
+    /// Go through pending snapshots at a terminal
+    Review(review::Args),
     /// Run what is needed and publish what writers made
     Run(run::Args),
     /// The JSON Schema of pipeline files, for editors, or of --events
@@ -83,6 +86,7 @@ impl Command {
             Command::Pending(args) => args.run(globals),
             Command::Plan(args) => args.run(globals),
             Command::Reject(args) => args.run(globals),
+            Command::Review(args) => args.run(globals),
             Command::Run(args) => args.run(globals),
             Command::Schema(args) => args.run(globals),
             Command::Show(args) => args.run(globals),
