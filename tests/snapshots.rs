@@ -3,6 +3,7 @@
 
 mod support;
 
+use std::collections::BTreeMap;
 use std::process::Output;
 
 use serde_json::{Value, json};
@@ -37,6 +38,12 @@ fn told(done: &Output) -> (i32, String) {
 
 fn say(place: &Place, args: &[&str]) -> (i32, String) {
     told(&place.lodge(args))
+}
+
+/// Every file among the snapshots, with its text.
+fn files(place: &Place) -> BTreeMap<String, String> {
+    let entries = std::fs::read_dir(place.path("snapshots")).unwrap().map(|e| e.unwrap().path());
+    entries.map(|p| (p.file_name().unwrap().to_str().unwrap().into(), std::fs::read_to_string(p).unwrap())).collect()
 }
 
 #[test]
@@ -94,4 +101,208 @@ fn what_waits_is_listed_with_what_changed() {
     std::fs::write(place.path("snapshots/four__odd.snap.new"), b"---\n\xff").unwrap();
     let (code, text) = say(&place, &["pending"]);
     assert!(code == 1 && text.contains("four__odd.snap.new"), "{code} {text}");
+}
+
+/// `lodge review` with a pseudo-terminal: each key is pressed once it is asked for. None where there is no such thing.
+#[cfg(unix)]
+fn at_a_terminal(place: &Place, args: &[&str], keys: &str) -> Option<(i32, String)> {
+    use std::io::{Read, Write};
+
+    let Ok(pty) = nix::pty::openpty(None, None) else {
+        println!("skipped: no pseudo-terminal");
+        return None;
+    };
+    let side = || pty.slave.try_clone().unwrap();
+    let mut command = support::binary();
+    command.current_dir(place.dir.path()).args(args).stdin(side()).stdout(side()).stderr(side());
+    let mut child = command.spawn().unwrap();
+    drop((command, pty.slave));
+    let mut terminal = std::fs::File::from(pty.master);
+    let (mut text, mut keys, mut seen) = (String::new(), keys.chars(), 0);
+    let mut bytes = [0; 4096];
+    // The end of a terminal without another side is an error.
+    while let Ok(n @ 1..) = terminal.read(&mut bytes) {
+        text += &String::from_utf8_lossy(&bytes[..n]);
+        while let Some(asked) = text[seen..].find("q quit: ") {
+            seen += asked + 1;
+            match keys.next() {
+                Some(key) => write!(terminal, "{key}").unwrap(),
+                None => child.kill().unwrap(),
+            }
+        }
+    }
+    let code = child.wait().unwrap().code();
+    assert_eq!(keys.next(), None, "it did not ask: {text}");
+    Some((code.unwrap_or_else(|| panic!("it asked for more: {text}")), text))
+}
+
+#[test]
+#[cfg(unix)]
+fn a_review_at_a_terminal() {
+    let place = four();
+    let fresh = || {
+        let _ = std::fs::remove_dir_all(place.path("snapshots"));
+        assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    };
+    let all = ["four__plan.snap", "four__tree-min-distance-0.01.snap", "four__tree-min-distance-0.1.snap"];
+    let left = |names: &[&str]| assert_eq!(files(&place).into_keys().collect::<Vec<_>>(), names);
+    let new = all.map(|n| format!("{n}.new"));
+
+    fresh();
+    let Some((code, text)) = at_a_terminal(&place, &["review"], "arxs") else { return };
+    assert!(code == 3 && text.contains("1 accepted, 1 rejected, 1 left"), "{code} {text}");
+    assert!(text.contains("[1/3]") && text.contains("new: plan (four)") && text.contains("+Footprints"), "{text}");
+    assert!(text.contains("[3/3]") && text.contains("new: tree[min-distance=0.1] (four)"), "{text}");
+    left(&[all[0], &new[2]]);
+    for (keys, code, names) in [
+        ("q", 3, [&new[0], &new[1], &new[2]].map(|n| &n[..]).to_vec()),
+        ("rA", 0, vec![all[1], all[2]]),
+        ("\rR", 0, vec![all[0]]),
+        (" \x1bS", 3, vec![&new[0], &new[2]]),
+    ] {
+        fresh();
+        let (found, text) = at_a_terminal(&place, &["review", "four.toml"], keys).unwrap();
+        assert_eq!(found, code, "{keys:?}: {text}");
+        left(&names);
+    }
+    fresh();
+    assert_eq!(at_a_terminal(&place, &["review", "four.toml", "tree"], "aa").unwrap().0, 0);
+    left(&[&new[0], all[1], all[2]]);
+    assert_eq!(at_a_terminal(&place, &["accept"], "").unwrap().0, 0);
+
+    // With its diff, against what was.
+    place.write("four.geojson", squares(0.0001001));
+    assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    let (code, text) = at_a_terminal(&place, &["review", "four.toml", "plan"], "a").unwrap();
+    assert!(code == 0 && text.contains("differs: plan (four)"), "{text}");
+    assert!(text.contains("    \x1b[31m-") || text.contains("    -"), "{text}");
+    assert!(text.contains("    \x1b[32m+") || text.contains("    +"), "{text}");
+    assert_eq!(at_a_terminal(&place, &["review", "four.toml"], "").unwrap().1.trim(), "nothing is pending");
+}
+
+#[test]
+fn a_review_without_a_terminal_says_what_to_do_instead() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    let before = files(&place);
+    let (code, text) = say(&place, &["review"]);
+    assert_eq!(code, 2, "{text}");
+    for word in ["terminal", "`lodge pending`", "`lodge accept`", "`lodge reject`"] {
+        assert!(text.contains(word), "{word}: {text}");
+    }
+    let (code, text) = say(&place, &["--json", "review"]);
+    assert!(code == 2 && text.contains("\"no-terminal\""), "{text}");
+    assert_eq!(files(&place), before);
+}
+
+#[test]
+fn snapshots_without_a_stage_are_told_and_fail_in_ci_and_stay() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    say(&place, &["accept"]);
+    // Of another pipeline, though its name begins alike.
+    let other = files(&place)["four__plan.snap"].replace("source: four.toml", "source: four__b.toml");
+    place.write("snapshots/four__b__plan.snap", other);
+    let in_ci = |args: &[&str]| {
+        let mut command = support::binary();
+        command.current_dir(place.dir.path()).env("CI", "true").env("LODGE_CACHE", place.path("cache"));
+        told(&command.arg("test").args(args).output().unwrap())
+    };
+    assert_eq!((say(&place, &["test", "four.toml"]).0, in_ci(&["four.toml"]).0), (0, 0));
+    let before = files(&place);
+
+    // Fewer variants by `--set` are a part of the pipeline: nothing is said of the others, and nothing is lost.
+    let part = ["test", "four.toml", "--set", "node.tree.matrix.min-distance=[0.01]"];
+    let (code, text) = say(&place, &part);
+    assert!(code == 0 && text.contains("2 stages, 2 as they were\n") && !text.contains("any more"), "{code} {text}");
+    assert_eq!(in_ci(&part[1..]).0, 0);
+    assert_eq!(files(&place), before);
+
+    // Fewer variants in the file.
+    place.write("four.toml", PIPELINE.replace("[0.01, 0.1]", "[0.01]"));
+    let gone = "four__tree-min-distance-0.1.snap";
+    let (code, text) = say(&place, &["test", "four.toml"]);
+    assert!(code == 0 && text.matches("no such stage any more: ").count() == 1 && text.contains(gone), "{code} {text}");
+    for args in [&["four.toml"][..], &["-q", "four.toml"]] {
+        let (code, text) = in_ci(args);
+        assert!(code == 3 && text.contains(gone), "{code} {text}");
+    }
+    let json = place.lodge_json(&["test", "four.toml"]);
+    assert_eq!(json["pipelines"][0]["orphans"].as_array().unwrap().len(), 1, "{json}");
+    assert_eq!(files(&place), before);
+}
+
+#[test]
+fn in_ci_no_snapshot_is_touched() {
+    let place = four();
+    let in_ci = |value: &str| {
+        let mut command = support::binary();
+        command.current_dir(place.dir.path()).env("CI", value).env("LODGE_CACHE", place.path("cache"));
+        told(&command.args(["test", "four.toml"]).output().unwrap())
+    };
+    // New ones: not even the folder.
+    assert_eq!(in_ci("true").0, 3);
+    assert!(!place.path("snapshots").exists());
+    say(&place, &["test", "four.toml"]);
+    say(&place, &["accept", "four.toml", "tree"]);
+    // One that waits although all is as it was, one with another digest beside the same text, one that differs.
+    let mut texts = files(&place);
+    let [small, large] = ["0.01", "0.1"].map(|d| format!("four__tree-min-distance-{d}.snap"));
+    texts.insert(format!("{small}.new"), texts[&small].clone());
+    let digest = texts[&small].lines().find(|l| l.starts_with("  digest: ")).unwrap().to_string();
+    texts.insert(small.clone(), texts[&small].replace(&digest, "  digest: aa"));
+    texts.insert(large.clone(), texts[&large].replace("leaves: 4", "leaves: 5"));
+    for (name, text) in &texts {
+        place.write(&format!("snapshots/{name}"), text);
+    }
+    let (code, text) = in_ci("1");
+    assert!(code == 3 && text.contains("3 stages, 1 as they were, 1 differ, 1 new\n"), "{code} {text}");
+    assert_eq!(files(&place), texts);
+    // Elsewhere each of them is written.
+    for none in ["", "0", "false"] {
+        assert_eq!(in_ci(none).0, 3);
+    }
+    let after = files(&place);
+    assert!(after[&small].contains(&digest) && !after.contains_key(&format!("{small}.new")), "{after:?}");
+    assert!(after.contains_key(&format!("{large}.new")) && after[&large] == texts[&large], "{after:?}");
+}
+
+/// In a Cargo project (README: three lines make one) insta's own tool lists and accepts our files.
+#[test]
+fn cargo_insta_lists_and_accepts_ours() {
+    let insta = |place: &Place, args: &[&str]| {
+        let mut command = std::process::Command::new("cargo-insta");
+        command.current_dir(place.dir.path()).env_remove("CI").args(args).output()
+    };
+    let place = four();
+    if insta(&place, &["--version"]).is_err() {
+        return println!("skipped: no cargo-insta");
+    }
+    let readme = std::fs::read_to_string(support::project().join("README.md")).unwrap();
+    let stub = readme.split("```toml\n").find(|t| t.starts_with("[package]")).unwrap().split("```").next().unwrap();
+    place.write("Cargo.toml", stub);
+    say(&place, &["test", "four.toml"]);
+    let listed = told(&insta(&place, &["pending-snapshots"]).unwrap()).1;
+    assert_eq!(listed.matches("\n  snapshots/four__").count(), 3, "{listed}");
+    let ours: Vec<String> = files(&place).into_values().collect();
+    assert_eq!(told(&insta(&place, &["accept"]).unwrap()).0, 0);
+    assert_eq!(files(&place).into_values().collect::<Vec<_>>(), ours, "by its bytes what `lodge accept` makes");
+    assert_eq!(say(&place, &["test", "--exact", "four.toml"]).0, 0);
+}
+
+/// README shows a difference as `lodge test` prints it.
+#[test]
+fn the_difference_of_readme_is_what_is_printed() {
+    let readme = std::fs::read_to_string(support::project().join("README.md")).unwrap();
+    let shown = readme.split("```diff\n").nth(1).expect("README shows a difference").split("```").next().unwrap();
+    let home = Place::new();
+    let town = support::project().join("pipelines/town.toml");
+    let mut command = support::binary();
+    command.current_dir(home.dir.path()).env("CI", "true").arg("--cache").arg(home.path("cache"));
+    let (code, text) = told(&command.arg("test").arg(town).args(["--set", "node.hulls.keep=0.5"]).output().unwrap());
+    assert_eq!(code, 3);
+    assert!(shown.starts_with("differs: hulls\n") && shown.lines().count() > 15, "{shown}");
+    let (_, text) = text.split_once("differs: hulls\n").expect("the hulls differ");
+    let lines: Vec<&str> = text.lines().take_while(|l| l.starts_with("    ")).map(|l| &l[4..]).collect();
+    assert_eq!(lines, shown.lines().skip(1).collect::<Vec<_>>());
 }

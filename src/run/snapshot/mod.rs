@@ -138,15 +138,22 @@ fn write(path: &Path, snap: &Snap, rules: Rules) -> io::Result<()> {
     std::fs::write(path, snap.to_text())
 }
 
-/// Files of `pipeline` that belong to no node: what a removed or renamed one left behind.
+/// Files of the pipeline that belong to none of its nodes and variants, pending ones too: what one that was removed,
+/// renamed or set to `snapshot = false` left behind. A file that tells of another pipeline (`a__b.toml` beside
+/// `a.toml`) is not meant.
 pub fn orphans(graph: &Graph) -> Vec<PathBuf> {
     let known: Vec<PathBuf> = graph.nodes.iter().filter(|n| n.snapshot.on).map(|n| path(graph, &n.name)).collect();
+    let file = graph.file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let prefix = format!("{}__", graph.name);
-    let mut out: Vec<PathBuf> = entries(&folder(&graph.file))
-        .into_iter()
-        .filter(|p| p.extension().is_some_and(|e| e == "snap") && !known.contains(p))
-        .filter(|p| p.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&prefix)))
-        .collect();
+    let is_orphan = |path: &PathBuf| {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let Some(stem) = name.strip_suffix(".new").unwrap_or(&name).strip_suffix(".snap") else { return false };
+        stem.starts_with(&prefix)
+            && !known.contains(&path.with_file_name(format!("{stem}.snap")))
+            && read(path).ok().flatten().is_none_or(|s| s.source.is_empty() || s.source == file)
+    };
+    let mut out = entries(&folder(&graph.file));
+    out.retain(is_orphan);
     out.sort();
     out
 }
