@@ -20,7 +20,7 @@ pub struct Place {
     /// The pipeline's.
     pub name: String,
     /// Canonical, where there is such a file.
-    file: PathBuf,
+    pub file: PathBuf,
 }
 
 impl Place {

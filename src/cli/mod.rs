@@ -4,6 +4,7 @@
 mod accept;
 mod cache;
 mod check;
+mod diff;
 mod engine;
 mod export;
 mod graph;
@@ -15,6 +16,7 @@ mod reject;
 pub mod render;
 mod review;
 mod run;
+mod runs;
 mod schema;
 mod show;
 mod test;
@@ -48,6 +50,8 @@ enum Command {
     Cache(cache::Args),
     /// Find every mistake that can be known without reading data
     Check(check::Args),
+    /// Which nodes' results differ between two runs, and why
+    Diff(diff::Args),
     /// Write a node's result in an open format
     Export(export::Args),
     /// The graph as Mermaid, DOT or SVG, with state and time
@@ -64,6 +68,8 @@ enum Command {
     Review(review::Args),
     /// Run what is needed and publish what writers made
     Run(run::Args),
+    /// The last runs of a pipeline: when, how long, what ran
+    Runs(runs::Args),
     /// The JSON Schema of pipeline files, for editors, or of --events
     Schema(schema::Args),
     /// Show the summary of a node's result
@@ -80,6 +86,7 @@ impl Command {
             Command::Accept(args) => args.run(globals),
             Command::Cache(args) => args.run(globals),
             Command::Check(args) => args.run(globals),
+            Command::Diff(args) => args.run(globals),
             Command::Export(args) => args.run(globals),
             Command::Graph(args) => args.run(globals),
             Command::Ops(args) => args.run(globals),
@@ -88,6 +95,7 @@ impl Command {
             Command::Reject(args) => args.run(globals),
             Command::Review(args) => args.run(globals),
             Command::Run(args) => args.run(globals),
+            Command::Runs(args) => args.run(globals),
             Command::Schema(args) => args.run(globals),
             Command::Show(args) => args.run(globals),
             Command::Test(args) => args.run(globals),

@@ -78,13 +78,13 @@ pub fn to_json(graph: &Graph, f: &Forecast) -> Value {
 }
 
 pub fn changes_json(graph: &Graph, f: &Forecast) -> Vec<Value> {
-    let change = |c: &_| {
-        let r = Reason::of(c, graph, f.index);
-        // Values as they would stand in JSON, where they are parameters.
-        let value = |v: Option<String>| {
-            v.map(|v| serde_json::from_str(&v).ok().filter(|_| r.what == "parameter").unwrap_or(json!(v)))
-        };
-        json!({"what": r.what, "name": r.name, "node": r.node, "old": value(r.old.clone()), "new": value(r.new.clone())})
+    f.changes.iter().map(|c| reason_json(&Reason::of(c, graph, f.index))).collect()
+}
+
+pub fn reason_json(r: &Reason) -> Value {
+    // Values as they would stand in JSON, where they are parameters.
+    let value = |v: Option<String>| {
+        v.map(|v| serde_json::from_str(&v).ok().filter(|_| r.what == "parameter").unwrap_or(json!(v)))
     };
-    f.changes.iter().map(change).collect()
+    json!({"what": r.what, "name": r.name, "node": r.node, "old": value(r.old.clone()), "new": value(r.new.clone())})
 }

@@ -27,7 +27,7 @@ pub fn is_read_only(error: &io::Error) -> bool {
 
 /// What should be a folder, if it is there at all, is one.
 pub fn has_folders(root: &Path) -> io::Result<()> {
-    for part in ["objects", "packs", "tmp", "plans", "published", "runs"] {
+    for part in ["objects", "packs", "tmp", "plans", "published", "runs", "history"] {
         if let Ok(meta) = fs::symlink_metadata(root.join(part))
             && !meta.is_dir()
         {

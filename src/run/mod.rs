@@ -9,6 +9,7 @@ pub mod event;
 pub mod executor;
 mod folder;
 pub mod forecast;
+pub mod history;
 pub mod key;
 pub mod last;
 pub mod lock;
@@ -28,7 +29,7 @@ pub mod verify;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use crate::diag::Diagnostic;
 use crate::graph::Graph;
@@ -126,7 +127,7 @@ impl Outcome {
 
 /// Runs the nodes `only` (all leaves where it is empty) and what they need.
 pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut Observer) -> Outcome {
-    let started = Instant::now();
+    let (started, began) = (Instant::now(), SystemTime::now());
     let mut outcome = Outcome::default();
     match Store::open(&options.cache) {
         Ok(store) => {
@@ -135,6 +136,9 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
             Loop::new(graph, only, options, store.clone(), Box::new(executor), observer).run(&mut outcome);
             if let Err(error) = last::note(&store, graph, &outcome) {
                 tracing::debug!(%error, "cannot note the run");
+            }
+            if let Err(error) = history::note(&store, graph, options, &outcome, began) {
+                tracing::debug!(%error, "cannot remember the run");
             }
             if let (true, Some(identity)) = (outcome.ok() && outcome.warnings.is_empty(), &options.plan)
                 && let Err(error) = plan::compile(&store, identity, graph, &outcome, options.out.as_deref())

@@ -8,6 +8,7 @@
 //! locks               claims (`lock`)
 //! tmp/RUN/            files before they have a name; gone with the run
 //! plans/, published/, runs/   what `plan`, `published` and `last` keep
+//! history/NAME-N      runs of the past (`history`)
 //! ```
 
 use std::borrow::Cow;
@@ -150,6 +151,21 @@ impl Store {
             }
             other => other,
         }
+    }
+
+    /// Writes a state file whole, unless there is something of that name: whether it did.
+    pub fn put_new_state(&self, folder: &str, name: &str, bytes: &[u8]) -> io::Result<bool> {
+        let (fresh, path) = (self.fresh(), self.state(folder, name));
+        fs::create_dir_all(self.root.join(folder))?;
+        fs::write(&fresh, bytes)?;
+        let put = match fs::hard_link(&fresh, &path) {
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            // A file system without links.
+            Err(_) if fs::symlink_metadata(&path).is_err() => fs::rename(&fresh, &path).map(|()| true),
+            other => other.map(|()| true),
+        };
+        let _ = fs::remove_file(&fresh);
+        put
     }
 
     /// A state file's bytes; none where there is no such file.

@@ -10,7 +10,7 @@ use super::folder::open;
 use super::pack::{self, Frame, What};
 use super::record::Record;
 use super::store::Store;
-use super::{last, plan, publish, published, stamp};
+use super::{history, last, plan, publish, published, stamp};
 use crate::digest::Digest;
 
 /// What lies in a cache.
@@ -132,13 +132,18 @@ pub fn verify(store: &Store) -> Found {
     }
 
     // (3) Plans and notes.
-    for (name, path) in ["plans", "published", "runs"].into_iter().flat_map(part) {
+    for (name, path) in ["plans", "published", "runs", "history"].into_iter().flat_map(part) {
+        if name.strip_prefix("history/").is_some_and(|n| !history::is_name(n)) {
+            found.foreign.push(name);
+            continue;
+        }
         found.checked += 1;
         let bytes = fs::read(&path).unwrap_or_default();
         found.bytes += bytes.len() as u64;
         let good = match name.split_once('/') {
             Some(("plans", _)) => plan::is_whole(&bytes),
             Some(("published", _)) => published::is_whole(&bytes),
+            Some(("history", run)) => history::is_whole(run, &bytes),
             Some((_, "stamps")) => stamp::is_whole(&bytes),
             _ => last::is_whole(&bytes),
         };
@@ -148,7 +153,8 @@ pub fn verify(store: &Store) -> Found {
     }
     for (name, _) in &all {
         let top = name.split('/').next().unwrap_or_default();
-        let ours = ["objects", "packs", "plans", "published", "runs", "tmp", "locks", "CACHEDIR.TAG", ".gitignore"];
+        let ours =
+            ["objects", "packs", "plans", "published", "runs", "history", "tmp", "locks", "CACHEDIR.TAG", ".gitignore"];
         if !ours.contains(&top) {
             found.foreign.push(name.clone());
         }
