@@ -34,7 +34,7 @@ impl Which {
     /// The pending snapshots, read.
     pub fn waiting(&self) -> Result<Vec<Waiting>, Stop> {
         let read = |pending: Pending| {
-            let files = pending.new().and_then(|new| Ok((pending.old()?, new)));
+            let files = pending.proposed().and_then(|new| Ok((pending.old()?, new)));
             let (old, new) =
                 files.map_err(|e| Diagnostic::error("snapshot", format!("{}: {e}", pending.path.display())))?;
             Ok(Waiting { pending, old, new })

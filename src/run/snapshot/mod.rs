@@ -179,7 +179,8 @@ impl Pending {
         read(&self.path.with_extension(""))
     }
 
-    pub fn new(&self) -> io::Result<Snap> {
+    /// What waits.
+    pub fn proposed(&self) -> io::Result<Snap> {
         read(&self.path)?.ok_or_else(|| io::ErrorKind::NotFound.into())
     }
 
