@@ -8,6 +8,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodge::artifact::{Mesh, PlaneTiles, Voxels};
+use lodge::geom::scatter::Scatter;
+use lodge::geom::space::dot;
 use lodge::io::paint::Paint;
 use lodge::op::{Bench, Inputs, Op, Source};
 use lodge::ops::read_mesh::ReadMesh;
@@ -43,30 +45,14 @@ fn voxels(mesh: &Arc<Mesh>, how: &Voxelize) -> Voxels {
 /// reach of one of them and look its way: what bake-impostor draws.
 fn drawn(mesh: &Mesh, tiles: &PlaneTiles) -> Vec<f64> {
     const POINTS: u64 = 1_000_000;
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let paint = Paint::new(mesh);
-    let mut ends = Vec::with_capacity(mesh.triangles.len());
-    let mut sum = 0.0;
-    for t in &mesh.triangles {
-        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        sum += dot(n, n).sqrt();
-        ends.push(sum);
-    }
+    let scatter = Scatter::new((0..mesh.triangles.len()).map(|t| mesh.corners(t)));
     let reach = tiles.given.reach_cells * tiles.lattice.cell;
     let planes: Vec<([f64; 3], f64)> = tiles.planes.iter().map(|&w| tiles.lattice.plane(w)).collect();
     let mut firsts = vec![0u64; planes.len()];
     for i in 0..POINTS {
-        let at = sum * (i as f64 + 0.5) / POINTS as f64;
-        let t = ends.partition_point(|&e| e <= at).min(ends.len() - 1);
-        let part = |step: u64| (i.wrapping_mul(step) >> 11) as f64 / (1u64 << 53) as f64;
-        let (mut a, mut b) = (part(0xc13f_a9a9_02a6_328f), part(0x91e1_0da5_c79e_7b1d));
-        if a + b > 1.0 {
-            (a, b) = (1.0 - a, 1.0 - b);
-        }
-        let weights = [1.0 - a - b, a, b];
-        let corners = mesh.triangles[t].map(|v| mesh.positions[v as usize]);
+        let (t, weights) = scatter.point(i, POINTS);
+        let corners = mesh.corners(t);
         let p = [0, 1, 2].map(|k| (0..3).map(|c| weights[c] * corners[c][k]).sum());
         let normal = paint.normal(t, weights);
         let draws = |(n, offset): &([f64; 3], f64)| dot(*n, normal) > 0.0 && (dot(*n, p) - offset).abs() <= reach;

@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Artifact, Attributes, Kind, Strings};
 use crate::geom::frame::Frame;
+use crate::geom::space::bounds;
 
 /// A run of triangles with one meaning and one material.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -128,6 +129,13 @@ crate::columns! {
     }
 }
 
+impl Mesh {
+    /// Places of a triangle's corners.
+    pub fn corners(&self, triangle: usize) -> [[f64; 3]; 3] {
+        self.triangles[triangle].map(|v| self.positions[v as usize])
+    }
+}
+
 impl Artifact for Mesh {
     const KIND: &'static Kind = &Kind::of::<Self>("Mesh", "triangles with a feature number per vertex").keys(&[
         ("vertices", "points of all triangles"),
@@ -141,14 +149,7 @@ impl Artifact for Mesh {
     crate::coded_as_columns!();
 
     fn summary(&self) -> Map<String, Value> {
-        let mut low = [f64::INFINITY; 3];
-        let mut high = [f64::NEG_INFINITY; 3];
-        for p in &self.positions {
-            for k in 0..3 {
-                low[k] = low[k].min(p[k]);
-                high[k] = high[k].max(p[k]);
-            }
-        }
+        let (low, high) = bounds(self.positions.iter().copied());
         let mut out = Map::new();
         out.insert("vertices".into(), json!(self.positions.len()));
         out.insert("triangles".into(), json!(self.triangles.len()));

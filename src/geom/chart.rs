@@ -6,6 +6,8 @@
 //! Errors: interpolation is checked against the way itself; where it is off by more than 0.1 mm (windows far beyond
 //!         50 km) every point goes the long way.
 
+use super::space::{cross, dot, sub, unit};
+
 /// Local metres to metres from the earth's centre.
 pub type Ecef<'a> = &'a (dyn Fn([f64; 3]) -> [f64; 3] + Sync);
 
@@ -137,23 +139,6 @@ fn exact(place: &Place, ecef: Ecef, p: [f64; 2]) -> [f64; 6] {
 fn weights(u: f64) -> [f64; 4] {
     let (outer, inner) = ((u * u - 1.0 / 9.0) * (9.0 / 16.0), (u * u - 1.0) * (27.0 / 16.0));
     [outer * (1.0 - u), inner * (u - 1.0 / 3.0), inner * (-u - 1.0 / 3.0), outer * (u + 1.0)]
-}
-
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit(a: [f64; 3]) -> [f64; 3] {
-    let size = dot(a, a).sqrt();
-    a.map(|v| v / size)
 }
 
 #[cfg(test)]

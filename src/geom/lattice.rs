@@ -8,6 +8,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::space::dot;
+
 /// Where the nodes of a grid lie: N + 1 a side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lattice {
@@ -51,7 +53,6 @@ impl Lattice {
         let length = field.slope();
         let normal = field.gradient.map(|g| 0.0 - g as f64 / length);
         // field(p) = start + gradient . p = 0 on the plane, p in cells.
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let offset = field.start as f64 / length * self.cell + dot(normal, self.origin);
         (normal, offset)
     }

@@ -2,6 +2,7 @@
 
 use crate::artifact::Mesh;
 use crate::artifact::mesh::{Alpha, Material};
+use crate::geom::space::{doubled_area, unit};
 
 use super::picture::Picture;
 
@@ -103,10 +104,7 @@ impl<'a> Paint<'a> {
 
     /// The unit normal of a triangle, as its corners turn; 0, 0, 0 where it has no area.
     pub fn face_normal(&self, triangle: usize) -> [f64; 3] {
-        let [a, b, c] = self.mesh.triangles[triangle].map(|v| self.mesh.positions[v as usize]);
-        let sub = |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|k| p[k] - q[k]);
-        let (u, v) = (sub(b, a), sub(c, a));
-        unit([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+        unit(doubled_area(self.mesh.corners(triangle)))
     }
 
     /// The smooth normal at a place; the face's where vertices have none.
@@ -120,9 +118,4 @@ impl<'a> Paint<'a> {
         let smooth = unit(sum);
         if smooth == [0.0; 3] { self.face_normal(triangle) } else { smooth }
     }
-}
-
-fn unit(v: [f64; 3]) -> [f64; 3] {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    if length.is_normal() { v.map(|c| c / length) } else { [0.0; 3] }
 }

@@ -6,6 +6,7 @@ use crate::artifact::mesh::{Material, Primitive, Surface};
 use crate::artifact::voxels::{STEPS, stick_of};
 use crate::artifact::{Attributes, Column, Mesh, PlaneTiles, Values};
 use crate::diag::Result;
+use crate::geom::space::{cross, dot};
 
 use super::gltf::{self, Written};
 
@@ -101,9 +102,6 @@ pub fn quads(of: &PlaneTiles) -> Mesh {
 
 /// Along the horizontal of the plane; half a cell around the sticks' middles, so that none has no area.
 fn rectangle(of: &PlaneTiles, i: usize, n: [f64; 3], offset: f64) -> [[f64; 3]; 4] {
-    let cross =
-        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let level = (n[0] * n[0] + n[1] * n[1]).sqrt();
     let u = if level > 1e-9 { [-n[1] / level, n[0] / level, 0.0] } else { [1.0, 0.0, 0.0] };
     let v = cross(n, u);

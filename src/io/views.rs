@@ -10,6 +10,7 @@ use super::picture::{Level, linear, screen};
 use crate::artifact::{Impostors, Mesh};
 use crate::diag::{Diagnostic, Result};
 use crate::geom::raster::{self, PARTS};
+use crate::geom::space::{bounds, cross, dot, sub, unit};
 
 /// Pixels along each side.
 pub const SIDE: u32 = 512;
@@ -30,21 +31,12 @@ pub struct Seen {
     pub pixels: Vec<[u8; 4]>,
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// The 14 cameras: +x, -x, +y, -y, +z, -z, then the corners, x first; z is up, y from above and below.
 pub fn cameras(mesh: &Mesh) -> [View; 14] {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for p in &mesh.positions {
-        for k in 0..3 {
-            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
-        }
-    }
+    let (low, high) = bounds(mesh.positions.iter().copied());
     let middle = [0, 1, 2].map(|k| if low[k] <= high[k] { (low[k] + high[k]) / 2.0 } else { 0.0 });
     let far = |p: &[f64; 3]| {
-        let d = [0, 1, 2].map(|k| p[k] - middle[k]);
+        let d = sub(*p, middle);
         dot(d, d)
     };
     let radius = mesh.positions.iter().map(far).fold(0.0, f64::max).sqrt();
@@ -61,9 +53,6 @@ pub fn cameras(mesh: &Mesh) -> [View; 14] {
 
 /// Right, up and towards the eye, of length one.
 fn axes(eye: [f64; 3], up: [f64; 3]) -> [[f64; 3]; 3] {
-    let unit = |v: [f64; 3]| v.map(|c| c / dot(v, v).sqrt());
-    let cross =
-        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     let eye = unit(eye);
     let right = unit(cross(up, eye));
     [right, cross(eye, right), eye]
@@ -103,7 +92,7 @@ fn draw_with(mesh: &Mesh, paint: &Paint, view: &View, mut put: impl FnMut(usize,
     let middle = f64::from(SIDE) / 2.0;
     // In parts of a pixel, and how near.
     let place = |p: &[f64; 3]| {
-        let d = [0, 1, 2].map(|k| p[k] - view.middle[k]);
+        let d = sub(*p, view.middle);
         let [x, y, z] = view.axes.map(|a| dot(a, d) * scale);
         let part = |v: f64| (v * PARTS as f64).round() as i64;
         ([part(middle + x), part(middle - y)], z)

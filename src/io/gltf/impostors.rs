@@ -9,6 +9,7 @@ use serde_json::{Map, Value, json};
 use super::Builder;
 use crate::artifact::Impostors;
 use crate::diag::{Diagnostic, Result};
+use crate::geom::space::bounds;
 use crate::io::picture::Picture;
 
 /// How the atlas is packed: PNG as it is, or WebP without loss.
@@ -23,12 +24,7 @@ pub fn glb(of: &Impostors, packing: Packing) -> Result<Vec<u8>> {
     let mut file = Builder::default();
     // Around their middle, y up.
     let up = |[x, y, z]: [f64; 3]| [x, z, 0.0 - y];
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for corner in &of.corners {
-        for (k, c) in up(*corner).into_iter().enumerate() {
-            (low[k], high[k]) = (low[k].min(c), high[k].max(c));
-        }
-    }
+    let (low, high) = bounds(of.corners.iter().map(|&corner| up(corner)));
     let middle = [0, 1, 2].map(|k| if low[k] <= high[k] { (low[k] + high[k]) / 2.0 } else { 0.0 });
     let place = |p: &[f64; 3]| {
         let p = up(*p);

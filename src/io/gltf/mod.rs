@@ -14,6 +14,7 @@ use serde_json::{Map, Value, json};
 
 use crate::artifact::{Column, Mesh, Values};
 use crate::diag::{Diagnostic, Result};
+use crate::geom::space::bounds;
 
 /// Triangles of one material.
 #[derive(Clone, Debug, Default)]
@@ -313,7 +314,7 @@ impl From<Vec<u8>> for Written {
 /// A mesh as one GLB: with its looks where it has any ([`painted`]), else in quiet colours ([`plain`]). Positions are kept
 /// relative to the middle of the mesh in whole kilometres; the nodes' translation puts them back.
 pub fn mesh(mesh: &Mesh) -> Result<Written> {
-    let (low, high) = bounds(&mesh.positions);
+    let (low, high) = bounds(mesh.positions.iter().copied());
     let origin = if mesh.positions.is_empty() {
         [0.0; 3]
     } else {
@@ -361,12 +362,6 @@ fn plain(mesh: &Mesh, origin: [f64; 3]) -> Vec<u8> {
     let own = [Column { name: "id".into(), values: ids, present: vec![true; features] }];
     let attributes = &mesh.attributes.columns;
     glb(&Model { parts: &parts, normals: false, features, own: &own, attributes, origin })
-}
-
-fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
-    points.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(l, h), p| {
-        ([0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k])))
-    })
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! A canvas in a tile's plane: what a camera that looks along its normal sees of the surface within its reach.
 
-use super::planes::{Scene, Vec3, cross, dot};
+use super::planes::Scene;
 use crate::geom::raster::{self, PARTS};
+use crate::geom::space::{Vec3, cross, dot, unit};
 use crate::io::picture::screen;
 
 /// Surfaces that turn away more than that smear: only a tile that they face most draws them.
@@ -178,8 +179,6 @@ pub fn neighbours(i: usize, size: [u32; 2]) -> impl Iterator<Item = usize> {
 /// Right, up and the normal: up is z where that can be seen.
 fn axes(normal: Vec3) -> [Vec3; 3] {
     let up = if normal[2].abs() < 0.999 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
-    let right = cross(up, normal);
-    let length = dot(right, right).sqrt();
-    let right = right.map(|c| c / length);
+    let right = unit(cross(up, normal));
     [right, cross(normal, right), normal]
 }

@@ -2,7 +2,8 @@
 
 use super::atlas::GUTTER;
 use super::canvas::{self, Texel, Window};
-use super::planes::{Scene, cross};
+use super::planes::Scene;
+use crate::geom::space::{Vec3, cross, dot};
 
 /// A quad of a tile.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +20,7 @@ impl Piece {
         [shown.clone().count(), shown.filter(|t| t.two_sided).count()]
     }
 
-    pub fn draws(&self, p: super::planes::Vec3) -> bool {
+    pub fn draws(&self, p: Vec3) -> bool {
         self.window.texel_at(p).is_some_and(|i| self.texels[i].is_some())
     }
 }
@@ -181,7 +182,7 @@ fn turned(window: &Window, group: &Group, own: impl Fn(usize) -> bool) -> Window
     let right = turn(c, -s);
     let axes = [right, cross(normal, right), normal];
     let upper_left = window.point([c * low[0] - s * low[1], s * low[0] + c * low[1]]);
-    let corner = [0, 1].map(|k| super::planes::dot(axes[k], upper_left));
+    let corner = [0, 1].map(|k| dot(axes[k], upper_left));
     let size = [0, 1].map(|k| (high[k] - low[k]).ceil().max(1.0) as u32);
     Window { axes, corner: [corner[0], corner[1], window.corner[2]], size, ..*window }
 }

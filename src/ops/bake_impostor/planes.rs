@@ -3,17 +3,9 @@
 use rayon::prelude::*;
 
 use crate::artifact::{Mesh, PlaneTiles};
+use crate::geom::scatter::Scatter;
+use crate::geom::space::{Vec3, dot};
 use crate::io::paint::Paint;
-
-pub type Vec3 = [f64; 3];
-
-pub fn dot(a: Vec3, b: Vec3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
 
 /// The tiles' planes: inside is normal . x <= offset.
 pub struct Planes {
@@ -135,31 +127,13 @@ impl Scene<'_> {
     /// Share of points, spread evenly over the area, that some tile draws which they face.
     pub fn share_drawn(&self, draws: impl Fn(usize, Vec3) -> bool + Sync) -> f64 {
         let (mesh, planes) = (self.mesh, self.planes);
-        let area = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-            let n = cross([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-            dot(n, n).sqrt()
-        };
-        let mut ends: Vec<f64> = Vec::with_capacity(mesh.triangles.len());
-        let mut sum = 0.0;
-        for t in &mesh.triangles {
-            sum += area(t);
-            ends.push(sum);
-        }
-        if sum <= 0.0 {
+        let scatter = Scatter::new((0..mesh.triangles.len()).map(|t| mesh.corners(t)));
+        if scatter.is_empty() {
             return 0.0;
         }
         let drawn = |i: u64| {
-            let at = sum * (i as f64 + 0.5) / POINTS as f64;
-            let t = ends.partition_point(|&e| e <= at).min(ends.len() - 1);
-            // A fixed sequence, spread evenly over the square, folded into the triangle.
-            let part = |step: u64| (i.wrapping_mul(step) >> 11) as f64 / (1u64 << 53) as f64;
-            let (mut a, mut b) = (part(0xc13f_a9a9_02a6_328f), part(0x91e1_0da5_c79e_7b1d));
-            if a + b > 1.0 {
-                (a, b) = (1.0 - a, 1.0 - b);
-            }
-            let w = [1.0 - a - b, a, b];
-            let corners = mesh.triangles[t].map(|v| mesh.positions[v as usize]);
+            let (t, w) = scatter.point(i, POINTS);
+            let corners = mesh.corners(t);
             let p = [0, 1, 2].map(|k| (0..3).map(|c| w[c] * corners[c][k]).sum());
             let normal = self.paint.normal(t, w);
             let two_sided = self.paint.material(t).double_sided;

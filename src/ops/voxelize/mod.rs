@@ -33,6 +33,7 @@ use crate::artifact::{Mesh, Voxels};
 use crate::diag::{Diagnostic, Note, Result};
 use crate::geom::frame::Frame;
 use crate::geom::lattice::Lattice;
+use crate::geom::space::bounds;
 use crate::op::{Ctx, Op};
 use crossings::{Hits, Place, Snapped, UNIT, key_of, node_of};
 use fill::Count;
@@ -147,13 +148,7 @@ pub fn snap(mesh: &Mesh, resolution: u32) -> Result<(Snapped, Lattice, Vec<usize
         let message = format!("the mesh has no triangle with finite corners (of {})", mesh.triangles.len());
         return Err(Diagnostic::error("empty-mesh", message));
     }
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for &v in triangles.iter().flatten() {
-        let p = mesh.positions[v as usize];
-        for k in 0..3 {
-            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
-        }
-    }
+    let (low, high) = bounds(triangles.iter().flatten().map(|&v| mesh.positions[v as usize]));
     if !(0..3).all(|k| (high[k] - low[k]).is_finite()) {
         return Err(Diagnostic::error("bad-mesh", "the mesh is wider than a number can say"));
     }

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::crossings::{Snapped, UNIT, key_of};
+use crate::geom::space::{dot, doubled_area, sub};
 
 /// Nodes within half a cell of a triangle.
 pub fn near(mesh: &Snapped) -> Vec<u64> {
@@ -23,10 +24,7 @@ pub fn near(mesh: &Snapped) -> Vec<u64> {
 }
 
 fn near_one(t: &[[f64; 3]; 3], out: &mut Vec<u64>) {
-    let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let n = doubled_area(*t);
     let main = (0..3).max_by(|&i, &j| n[i].abs().total_cmp(&n[j].abs())).expect("three axes");
     let (iu, iv) = ((main + 1) % 3, (main + 2) % 3);
     let range = |k: usize| {
@@ -62,8 +60,6 @@ fn near_one(t: &[[f64; 3]; 3], out: &mut Vec<u64>) {
 
 /// The point of a triangle that is closest to p. Source: Ericson, Real-time collision detection, section 5.1.5.
 fn closest(t: &[[f64; 3]; 3], p: [f64; 3]) -> [f64; 3] {
-    let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let along = |a: [f64; 3], d: [f64; 3], s: f64| [a[0] + s * d[0], a[1] + s * d[1], a[2] + s * d[2]];
     let [a, b, c] = *t;
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));

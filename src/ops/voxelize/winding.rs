@@ -5,25 +5,11 @@
 //! beta = 2 as there. Places in cells. Cost: O(log n) a point, some microseconds.
 
 use super::crossings::{Snapped, UNIT};
+use crate::geom::space::{Vec3, cross, dot, doubled_area, sub};
 
 const LEAF: usize = 8;
 /// A group counts as far from this many of its radii.
 const BETA: f64 = 2.0;
-
-type Vec3 = [f64; 3];
-
-#[inline(always)]
-fn sub(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-#[inline(always)]
-fn dot(a: Vec3, b: Vec3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-#[inline(always)]
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
 
 /// A group of triangles; its children are the next one and `skip`'s neighbour.
 struct Group {
@@ -88,7 +74,7 @@ impl Tree {
         let own = &self.triangles[first..end];
         let mut weight = 0.0;
         let (mut centre, mut plain) = ([0.0; 3], [0.0; 3]);
-        let areas: Vec<Vec3> = own.iter().map(|t| cross(sub(t[1], t[0]), sub(t[2], t[0])).map(|v| v / 2.0)).collect();
+        let areas: Vec<Vec3> = own.iter().map(|t| doubled_area(*t).map(|v| v / 2.0)).collect();
         for (t, a) in own.iter().zip(&areas) {
             let area = dot(*a, *a).sqrt();
             weight += area;
