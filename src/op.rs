@@ -23,6 +23,8 @@ pub trait Op: Serialize + DeserializeOwned + JsonSchema + Default + Send + Sync 
     type Out: Artifact;
     /// Keys that a run adds to the result's summary ([`Report::fact`]) and what they mean, for the manual.
     const FACTS: &'static [(&'static str, &'static str)] = &[];
+    /// For benches and tests: `check` takes it, the manual and the schema for editors do not show it.
+    const HIDDEN: bool = false;
 
     /// Names of further files that a file names (a buffer, a picture), relative to its folder. They become sources
     /// behind it, and stand in the key. Asked again of each that is found.
@@ -308,6 +310,8 @@ pub struct Entry {
     pub output: &'static Kind,
     /// Keys that it adds to the summary of its result.
     pub facts: &'static [(&'static str, &'static str)],
+    /// Shown nowhere.
+    pub hidden: bool,
     pub schema: fn() -> Value,
     pub beside: fn(&Source) -> Vec<String>,
     /// From parameters that hold to the schema.
@@ -322,6 +326,7 @@ impl Entry {
             ports: O::In::PORTS,
             output: O::Out::KIND,
             facts: O::FACTS,
+            hidden: O::HIDDEN,
             schema: || {
                 let settings = schemars::generate::SchemaSettings::draft07().with(|s| s.inline_subschemas = true);
                 settings.into_generator().into_root_schema_for::<O>().to_value()
@@ -338,5 +343,10 @@ pub struct Registry(pub &'static [Entry]);
 impl Registry {
     pub fn get(&self, name: &str) -> Option<&'static Entry> {
         self.0.iter().find(|e| e.name == name)
+    }
+
+    /// Those that people should know of.
+    pub fn shown(&self) -> impl Iterator<Item = &'static Entry> + Clone {
+        self.0.iter().filter(|e| !e.hidden)
     }
 }

@@ -85,3 +85,18 @@ fn the_manual_and_the_schema() {
     assert!(json(&["ops", "--json"]).1["operators"].as_array().unwrap().len() > 5);
     assert_eq!(json(&["schema"]).1["$schema"], "http://json-schema.org/draft-07/schema#");
 }
+
+#[test]
+fn an_operator_for_benches_works_and_is_shown_nowhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = pipeline(folder.path(), "[node.a]\nop = \"concat\"\n[node.b]\nop = \"concat\"\nin.parts = \"a\"\n");
+    assert_eq!(lodge(&["check", &file]).status.code(), Some(0));
+    let run = lodge(&["run", &file]);
+    assert_eq!(run.status.code(), Some(0), "{run:?}");
+    let typo = pipeline(folder.path(), "[node.a]\nop = \"concta\"\n");
+    for args in [&["ops"][..], &["ops", "--json"], &["schema"], &["ops", "concta"], &["check", &typo]] {
+        let out = lodge(args);
+        let said = [out.stdout, out.stderr].concat();
+        assert!(!String::from_utf8_lossy(&said).contains("concat"), "{args:?}");
+    }
+}

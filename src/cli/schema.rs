@@ -46,7 +46,7 @@ pub fn events() -> String {
 const KEBAB: &str = "^[a-z0-9]+(-[a-z0-9]+)*$";
 
 fn schema(registry: &Registry) -> Value {
-    let mut entries: Vec<&Entry> = registry.0.iter().collect();
+    let mut entries: Vec<&Entry> = registry.shown().collect();
     entries.sort_by_key(|e| e.name);
     let mut branches: Vec<Value> = entries.iter().map(|e| operator(e)).collect();
     branches.push(json!({

@@ -81,7 +81,7 @@ fn draft<'a>(key: &'a Key, node: &'a Val, registry: &Registry, wrong: &mut Diagn
             if entry.is_none() {
                 let d = Diagnostic::error("unknown-operator", format!("there is no operator `{text}`"));
                 let d = d.at(span.clone()).value(text).node(&key.name);
-                wrong.push(match did_you_mean(text, registry.0.iter().map(|e| e.name)) {
+                wrong.push(match did_you_mean(text, registry.shown().map(|e| e.name)) {
                     _ if text.contains("${") => d.help("`${name}` works in parameters only"),
                     near @ Some(_) => d.help_nearest(near),
                     None => d.help("`lodge ops` lists the operators"),

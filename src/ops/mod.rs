@@ -4,6 +4,7 @@ use crate::op::{Entry, Registry};
 
 pub mod bake_impostor;
 pub mod cluster;
+pub mod concat;
 pub mod cut;
 pub mod extrude;
 pub mod footprint;
@@ -29,6 +30,7 @@ static LIST: &[Entry] = &[
     // One a line, so that additions merge.
     Entry::of::<bake_impostor::BakeImpostor>(),
     Entry::of::<cluster::Cluster>(),
+    Entry::of::<concat::Concat>(),
     Entry::of::<cut::Cut>(),
     Entry::of::<extrude::Extrude>(),
     Entry::of::<footprint::Footprint>(),
