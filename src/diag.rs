@@ -115,14 +115,30 @@ impl std::error::Error for Diagnostic {}
 
 /// The name nearest to a wrong one, if any is near enough to be meant; of equally near ones the first.
 pub fn did_you_mean<'a>(wrong: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
-    if wrong.len() > 200 {
+    if wrong.is_empty() || wrong.len() > 200 {
         return None;
     }
     let most = (wrong.chars().count() / 3).max(1);
     let plain = |s: &str| s.to_lowercase().replace('_', "-");
-    let distance = |name: &str| strsim::osa_distance(&plain(wrong), &plain(name));
-    let near = names.into_iter().map(|name| (distance(name), name)).min_by_key(|&(d, _)| d)?;
+    let plain_wrong = plain(wrong);
+    let (letters, length) = letters(wrong);
+    // An edit changes the length by one at most and the letters by two: most names need no closer look.
+    let may_be = |name: &&str| {
+        let (other, count) = self::letters(name);
+        count.abs_diff(length) as usize <= most && (letters ^ other).count_ones() as usize <= 2 * most
+    };
+    let distance = |name: &str| strsim::osa_distance(&plain_wrong, &plain(name));
+    let near = names.into_iter().filter(may_be).map(|name| (distance(name), name)).min_by_key(|&(d, _)| d)?;
     (near.0 <= most).then(|| near.1.to_string())
+}
+
+/// Which letters a name has, a bit for each, and how many; capitals are small ones, `_` is `-`.
+fn letters(name: &str) -> (u64, u32) {
+    name.chars().fold((0, 0), |(all, count), c| {
+        let c = if c == '_' { '-' } else { c.to_ascii_lowercase() };
+        let bit = if c.is_ascii() { u32::from(c) % 63 } else { 63 };
+        (all | 1 << bit, count + 1)
+    })
 }
 
 /// One feature that was repaired or rejected.
@@ -183,5 +199,40 @@ impl Report {
         all.rejects.sort();
         all.repairs.sort();
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_quick_look_at_names_loses_none() {
+        let words = [
+            "keep",
+            "Keep",
+            "kepe",
+            "k_eep",
+            "k-eep",
+            "keeep",
+            "peek",
+            "eekp",
+            "größe",
+            "grösse",
+            "a",
+            "",
+            "oo00",
+            "footprint",
+            "foot-prints",
+        ];
+        for wrong in words {
+            for name in words {
+                let most = (wrong.chars().count() / 3).max(1);
+                let plain = |s: &str| s.to_lowercase().replace('_', "-");
+                let near = strsim::osa_distance(&plain(wrong), &plain(name)) <= most;
+                assert_eq!(did_you_mean(wrong, [name]).is_some(), near, "{wrong} {name}");
+            }
+        }
+        assert_eq!(did_you_mean("kep", ["kap", "keep", "kept"]).as_deref(), Some("kap"), "of equal ones the first");
     }
 }

@@ -338,7 +338,7 @@ fn values_keep_their_type() {
     let place = Place::new(&[
         (
             "p.toml",
-            "[params]\nn = 3\nlist = [\"a\", \"b\"]\nfile = \"a\"\nlit = \"x$${y}\"\n[node.r]\nop = \"read-geojson\"\npath = [\"${file}\"]\nheight = \"${list}\"\ndefault-height = \"${n}\"\nwhere = { k = \"${n}-${lit}-$${n}\" }\non-error = \"fail\"\nsnapshot = { absolute = 1, exact = true }\n",
+            "[params]\nn = 3\nlist = [\"a\", \"b\"]\nfile = \"a\"\nlit = \"x$${y}\"\n[node.r]\nop = \"read-geojson\"\npath = [\"${file}\"]\nheight = \"${list}\"\ndefault-height = \"${n}\"\nwhere = { k = \"${n}-${lit}-$${n}\" }\non-error = \"fail\"\nsnapshot = { abs = 1, exact = true }\n",
         ),
         ("a", ""),
     ]);

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::json;
 
 use super::{Exit, Globals, Outcome, Set, render};
+use crate::diag::Diagnostic;
 use crate::graph::Graph;
 
 #[derive(clap::Args)]
@@ -25,7 +26,11 @@ impl Args {
             match Graph::load(file, &self.set.sets, &crate::ops::ALL) {
                 Ok(graph) => rows.push((file, graph.nodes.len())),
                 Err(mistakes) => {
-                    wrong.extend(mistakes.into_iter().filter(|d| seen.insert(render::json(d).to_string())))
+                    let said = |d: &Diagnostic| {
+                        let place = d.span.as_ref().map(|s| (s.file.path.clone(), s.range.start, s.range.end));
+                        (place, d.node.clone(), d.message.clone())
+                    };
+                    wrong.extend(mistakes.into_iter().filter(|d| seen.insert(said(d))))
                 }
             }
         }

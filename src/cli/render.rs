@@ -1,10 +1,13 @@
 //! Diagnostics as people read them (source line, caret, help) and as JSON. The only file that knows annotate-snippets.
 
+use std::borrow::Cow;
+use std::sync::Arc;
+
 use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 use serde_json::{Value, json};
 
-use crate::diag::{Diagnostic, Severity, Span};
+use crate::diag::{Diagnostic, Severity, SourceFile, Span};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
@@ -23,11 +26,16 @@ impl Style {
 
 /// All of them, an empty line after each.
 pub fn text(diagnostics: &[Box<Diagnostic>], style: Style) -> String {
-    diagnostics.iter().map(|d| one(d, style) + "\n").collect()
+    let mut lines = Lines::default();
+    diagnostics.iter().map(|d| one_of(d, style, &mut lines) + "\n").collect()
 }
 
 /// One diagnostic with its source line and caret; ends with a newline.
 pub fn one(diagnostic: &Diagnostic, style: Style) -> String {
+    one_of(diagnostic, style, &mut Lines::default())
+}
+
+fn one_of(diagnostic: &Diagnostic, style: Style, lines: &mut Lines) -> String {
     let level = match diagnostic.severity {
         Severity::Error => Level::ERROR,
         Severity::Warning => Level::WARNING,
@@ -38,7 +46,7 @@ pub fn one(diagnostic: &Diagnostic, style: Style) -> String {
     };
     let mut group = Group::with_title(level.primary_title(one_line(&message)).id(diagnostic.code));
     if let Some(span) = &diagnostic.span {
-        let place = Place::of(span);
+        let place = Place::of(span, lines);
         let (from, to) = place.on_first_line();
         let snippet = Snippet::source(place.source.to_string())
             .line_start(place.line)
@@ -59,12 +67,16 @@ pub fn one(diagnostic: &Diagnostic, style: Style) -> String {
 /// What stands in `diagnostics` of every `--json`; `null` where there is nothing to say. Lines and columns count
 /// from one, columns in characters; the end is behind the last character.
 pub fn json(diagnostic: &Diagnostic) -> Value {
-    let place = diagnostic.span.as_ref().map(Place::of);
+    json_of(diagnostic, &mut Lines::default())
+}
+
+fn json_of(diagnostic: &Diagnostic, lines: &mut Lines) -> Value {
+    let place = diagnostic.span.as_ref().map(|span| Place::of(span, lines));
     let at = |f: fn(&Place) -> usize| place.as_ref().map(f);
     json!({
         "code": diagnostic.code,
         "severity": diagnostic.severity,
-        "message": diagnostic.message,
+        "message": shortened(&diagnostic.message),
         "file": diagnostic.span.as_ref().map(|s| &s.file.name),
         "line": at(|p| p.line),
         "column": at(|p| p.column),
@@ -77,7 +89,28 @@ pub fn json(diagnostic: &Diagnostic) -> Value {
 }
 
 pub fn all_json(diagnostics: &[Box<Diagnostic>]) -> Value {
-    diagnostics.iter().map(|d| json(d)).collect()
+    let mut lines = Lines::default();
+    diagnostics.iter().map(|d| json_of(d, &mut lines)).collect()
+}
+
+/// Where the lines of the texts begin: ten thousand mistakes of one file look for them once.
+#[derive(Default)]
+struct Lines(Vec<(Arc<SourceFile>, Vec<usize>)>);
+
+impl Lines {
+    /// Number (from one) of the line that holds byte `at`, and where it begins; a byte-order mark is no column.
+    fn at(&mut self, file: &Arc<SourceFile>, at: usize) -> (usize, usize) {
+        let known = self.0.iter().position(|(f, _)| Arc::ptr_eq(f, file)).unwrap_or_else(|| {
+            let breaks = file.text.match_indices('\n').map(|(i, _)| i + 1);
+            self.0.push((file.clone(), std::iter::once(0).chain(breaks).collect()));
+            self.0.len() - 1
+        });
+        let starts = &self.0[known].1;
+        let line = starts.partition_point(|&start| start <= at);
+        let begin = starts[line - 1];
+        let mark = begin == 0 && at >= 3 && file.text.starts_with('\u{feff}');
+        (line, if mark { 3 } else { begin })
+    }
 }
 
 /// A span in lines and columns, with its first line.
@@ -93,12 +126,12 @@ struct Place<'a> {
 }
 
 impl<'a> Place<'a> {
-    fn of(span: &'a Span) -> Self {
+    fn of(span: &'a Span, lines: &mut Lines) -> Self {
         let text = span.file.text.as_str();
         let start = text.floor_char_boundary(span.range.start.min(text.len()));
         let end = text.floor_char_boundary(span.range.end.clamp(start, text.len()));
-        let (line, begin) = line_at(text, start);
-        let (end_line, end_begin) = line_at(text, end);
+        let (line, begin) = lines.at(&span.file, start);
+        let (end_line, end_begin) = lines.at(&span.file, end);
         let stop = text[begin..].find('\n').map_or(text.len(), |i| begin + i);
         let source = text[begin..stop].trim_end_matches('\r');
         Self {
@@ -118,24 +151,32 @@ impl<'a> Place<'a> {
     }
 }
 
-/// Number (from one) of the line that holds byte `at`, and where it begins; a byte-order mark is no column.
-fn line_at(text: &str, at: usize) -> (usize, usize) {
-    let line = text[..at].bytes().filter(|&b| b == b'\n').count() + 1;
-    let begin = text[..at].rfind('\n').map_or(0, |i| i + 1);
-    if begin == 0 && at >= 3 && text.starts_with('\u{feff}') { (line, 3) } else { (line, begin) }
-}
-
 /// Messages are one line: what a user wrote may hold line breaks and control characters.
 fn one_line(text: &str) -> String {
+    let text = shortened(text);
     text.chars().flat_map(|c| if c.is_control() { c.escape_default().collect::<Vec<_>>() } else { vec![c] }).collect()
 }
 
+/// A name or path of a thousand characters says nothing that its ends do not.
+fn shortened(text: &str) -> Cow<'_, str> {
+    if text.len() <= MOST_WORD || text.split(' ').all(|word| word.len() <= MOST_WORD) {
+        return text.into();
+    }
+    let short = |word: &str| {
+        if word.len() <= MOST_WORD {
+            return word.to_string();
+        }
+        let (from, to) = (word.floor_char_boundary(MOST_WORD / 2), word.ceil_char_boundary(word.len() - MOST_WORD / 4));
+        format!("{}...{}", &word[..from], &word[to..])
+    };
+    text.split(' ').map(short).collect::<Vec<_>>().join(" ").into()
+}
+
+const MOST_WORD: usize = 300;
+
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
-    use crate::diag::SourceFile;
 
     fn span(text: &str, range: std::ops::Range<usize>) -> Span {
         let file = SourceFile { name: "a.toml".into(), path: "a.toml".into(), text: text.into() };
@@ -155,6 +196,18 @@ mod tests {
         assert!(text.contains("= help: try 0.5"), "{text}");
         let json = json(&d);
         assert_eq!((&json["line"], &json["column"], &json["end-column"]), (&2.into(), &8.into(), &9.into()));
+    }
+
+    #[test]
+    fn endless_names_show_their_ends() {
+        let d = Diagnostic::error("x", format!("there is no operator `{}b`", "aä".repeat(50_000)));
+        let text = one(&d, Style::Plain);
+        assert!(
+            text.len() < 400 && text.contains("`aäaä") && text.contains("...") && text.ends_with("aäb`\n"),
+            "{text}"
+        );
+        assert!(json(&d)["message"].as_str().unwrap().len() < 400);
+        assert_eq!(shortened(&"words of a long list ".repeat(100)), "words of a long list ".repeat(100));
     }
 
     #[test]

@@ -127,7 +127,7 @@ fn own_words() -> Map<String, Value> {
             "anyOf": [
                 {"type": "boolean"},
                 {"type": "object", "additionalProperties": false, "properties":
-                    {"absolute": tolerance, "relative": tolerance, "exact": {"type": "boolean"}}},
+                    {"abs": tolerance, "rel": tolerance, "exact": {"type": "boolean"}}},
             ],
         },
     });

@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 
 use super::schema::{Walker, required};
 use super::variants::{Axis, combine, meet, name, own};
-use super::wires::{Draft, connect, order};
+use super::wires::{Draft, connect, order, port_name};
 use super::{Graph, Node, Snapshot, file_name, files};
 use crate::diag::{Diagnostic, Diagnostics, did_you_mean};
 use crate::op::{Entry, Registry};
@@ -73,7 +73,14 @@ fn draft<'a>(key: &'a Key, node: &'a Val, registry: &Registry, wrong: &mut Diagn
     let entry = match table.get("op") {
         None => {
             let d = Diagnostic::error("missing-operator", format!("node `{}` has no `op`", key.name));
-            wrong.push(d.at(key.span.clone()).help("write `op = \"..\"`; `lodge ops` lists the operators"));
+            // Another word with an operator's name, or nearly one.
+            let names = || registry.0.iter().map(|e| e.name);
+            let is_meant = |(_, v): &&(Key, Val)| v.text().is_some_and(|t| did_you_mean(t, names()).is_some());
+            let mut words = table.iter().filter(|(k, _)| !OWN_WORDS.contains(&k.name.as_str()));
+            wrong.push(match words.find(is_meant) {
+                Some((other, _)) => d.at(other.span.clone()).value(&other.name).help("did you mean `op`?"),
+                None => d.at(key.span.clone()).help("write `op = \"..\"`; `lodge ops` lists the operators"),
+            });
             None
         }
         Some(Val { data: Data::Text(text), span, .. }) => {
@@ -99,7 +106,12 @@ fn draft<'a>(key: &'a Key, node: &'a Val, registry: &Registry, wrong: &mut Diagn
 
 fn wrong_type(name: &str, wanted: &str, v: &Val) -> Box<Diagnostic> {
     let sentence = format!("`{name}` must be {wanted}, got {}", v.found());
-    Diagnostic::error("wrong-type", sentence).at(v.span.clone()).value(v.written())
+    let d = Diagnostic::error("wrong-type", sentence).at(v.span.clone()).value(v.written());
+    match v.text() {
+        Some(text) if text.contains("${") => d.help("`${name}` works in parameters only"),
+        Some(text @ ("true" | "false")) if wanted.contains(text) => d.help(format!("write {text} without quotes")),
+        _ => d,
+    }
 }
 
 /// The node's plain parameters and its own axes, filled in.
@@ -249,6 +261,12 @@ fn unknown_parameter(entry: &Entry, properties: &Map<String, Value>, key: &Key) 
     let d = Diagnostic::error("unknown-parameter", format!("`{}` has no parameter `{}`", entry.name, key.name));
     let d = d.at(key.span.clone()).value(&key.name);
     let names = properties.keys().map(String::as_str);
+    if let Some(port) = entry.ports.iter().map(port_name).find(|p| *p == key.name) {
+        return d.help(format!("`{port}` is a port: write `in.{port} = \"..\"`"));
+    }
+    if let "input" | "inputs" = &*key.name {
+        return d.help("inputs are named as `in.port = \"node\"`");
+    }
     match did_you_mean(&key.name, names.clone().chain(OWN_WORDS)) {
         near @ Some(_) => d.help_nearest(near),
         None if properties.is_empty() => d.help("it has no parameters"),
@@ -295,21 +313,22 @@ fn tolerances(keys: &Table, out: &mut Snapshot, wrong: &mut Diagnostics) {
     for (key, v) in keys.iter() {
         let json = v.data.to_json();
         match (key.name.as_str(), json.as_f64(), &json) {
-            (name @ ("absolute" | "relative"), Some(n), _) => {
+            (name @ ("abs" | "rel"), Some(n), _) => {
                 if n < 0.0 {
                     let sentence = format!("`snapshot.{name}` must be at least 0, got {}", v.written());
                     wrong.push(Diagnostic::error("out-of-range", sentence).at(v.span.clone()).value(v.written()));
                 }
-                *(if name == "absolute" { &mut out.abs } else { &mut out.rel }) = n;
+                *(if name == "abs" { &mut out.abs } else { &mut out.rel }) = n;
             }
             ("exact", _, Value::Bool(exact)) => out.exact = *exact,
-            (name @ ("absolute" | "relative"), ..) => {
-                wrong.push(wrong_type(&format!("snapshot.{name}"), "a number", v))
-            }
+            (name @ ("abs" | "rel"), ..) => wrong.push(wrong_type(&format!("snapshot.{name}"), "a number", v)),
             ("exact", ..) => wrong.push(wrong_type("snapshot.exact", "true or false", v)),
             (name, ..) => {
                 let d = Diagnostic::error("unknown-key", format!("`snapshot` has no `{name}`")).at(key.span.clone());
-                wrong.push(d.value(name).help_nearest(did_you_mean(name, ["absolute", "relative", "exact"])));
+                wrong.push(match did_you_mean(name, ["abs", "rel", "exact"]) {
+                    near @ Some(_) => d.value(name).help_nearest(near),
+                    None => d.value(name).help("it takes `abs`, `rel` and `exact`"),
+                });
             }
         }
     }
@@ -321,8 +340,11 @@ fn same_names(names: &[String], drafts: &[Draft], instances: &[Vec<usize>], wron
     for (draft, all) in drafts.iter().zip(instances) {
         for name in all.iter().map(|&i| names[i].as_str()) {
             if let Some(other) = taken.insert(file_name(name).to_lowercase(), name) {
-                let sentence =
-                    format!("`{other}` and `{name}` are too alike: both are `{}` in file names", file_name(name));
+                let [one, two] = [file_name(other), file_name(name)];
+                let sentence = match one == two {
+                    true => format!("`{other}` and `{name}` are too alike: both are `{one}` in file names"),
+                    false => format!("`{other}` and `{name}` are too alike: `{one}` and `{two}` differ only in case"),
+                };
                 wrong.push(Diagnostic::error("same-name", sentence).at(draft.key.span.clone()).value(name));
             }
         }

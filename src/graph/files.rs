@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::diag::{Diagnostic, Diagnostics, Span};
+use crate::diag::{Diagnostic, Diagnostics, Span, did_you_mean};
 use crate::op::Source;
 use crate::spec::{Val, folder_of, why};
 
@@ -50,7 +50,12 @@ const MOST_BESIDE: usize = 4096;
 
 /// Files of one `x-file` parameter, in order; globs in byte order, their patterns noted; each with those beside it.
 pub fn inputs(name: &str, value: &Val, beside: fn(&Source) -> Vec<String>, found: &mut Found, wrong: &mut Diagnostics) {
-    for value in value.list().unwrap_or(std::slice::from_ref(value)) {
+    let all = value.list().unwrap_or(std::slice::from_ref(value));
+    if all.is_empty() {
+        let d = Diagnostic::error("missing-file", format!("`{name}` names no file"));
+        wrong.push(d.at(value.span.clone()).value(value.written()));
+    }
+    for value in all {
         let Some(text) = value.text() else { continue };
         let folder = folder_of(&value.origin);
         let path = folder.join(text);
@@ -65,6 +70,7 @@ pub fn inputs(name: &str, value: &Val, beside: fn(&Source) -> Vec<String>, found
         }
         match path.metadata() {
             Ok(m) if m.is_dir() => say("missing-file", format!("`{name}`: {shown} is a folder")),
+            Ok(m) if !m.is_file() => say("missing-file", format!("`{name}`: {shown} is no regular file")),
             Ok(_) => found.push(path, beside),
             Err(_) if text.contains(['*', '?', '[']) => {
                 let pattern = pattern(&folder, text);
@@ -77,9 +83,34 @@ pub fn inputs(name: &str, value: &Val, beside: fn(&Source) -> Vec<String>, found
                 }
                 found.globs.push(pattern);
             }
-            Err(e) => say("missing-file", format!("`{name}`: cannot read {shown}: {}", why(&e))),
+            Err(e) => {
+                let sentence = format!("`{name}`: cannot read {shown}: {}", why(&e));
+                let d = Diagnostic::error("missing-file", sentence).at(value.span.clone()).value(value.written());
+                wrong.push(match meant(&path, text) {
+                    Some(help) => d.help(help),
+                    None => d,
+                });
+            }
         }
     }
+}
+
+/// What to do about a file that is not there.
+fn meant(path: &Path, text: &str) -> Option<String> {
+    if text.starts_with("https://") || text.starts_with("http://") {
+        return Some("lodge reads files only: fetch it first".into());
+    }
+    if text.starts_with("~/") {
+        return Some("`~` stands for no folder here: write the whole path".into());
+    }
+    if text.contains('\\') && !cfg!(windows) {
+        return Some("write `/` between folders".into());
+    }
+    let entries = std::fs::read_dir(path.parent()?).ok()?.take(MOST_BESIDE).flatten();
+    let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.sort();
+    let near = did_you_mean(path.file_name()?.to_str()?, names.iter().map(|n| &**n))?;
+    Some(format!("did you mean `{}`?", Path::new(text).with_file_name(near).display()))
 }
 
 fn pattern(folder: &Path, text: &str) -> PathBuf {

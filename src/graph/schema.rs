@@ -46,11 +46,12 @@ impl Walker<'_> {
                 self.check(schema, &text, name)
             }
             (_, None) => {
-                self.mistake(
-                    "wrong-type",
-                    value,
-                    format!("`{name}` must be {}, got {}", wanted(self.root, schema), value.found()),
-                );
+                let sentence = format!("`{name}` must be {}, got {}", wanted(self.root, schema), value.found());
+                let d = mistake("wrong-type", value, sentence);
+                self.wrong.push(match unquoted(schema, &types, value) {
+                    Some(help) => d.help(help),
+                    None => d,
+                });
                 Value::Null
             }
             (Data::List(list), _) => self.check_list(schema, list, value, name),
@@ -193,6 +194,27 @@ impl Walker<'_> {
 
 fn mistake(code: &'static str, value: &Val, sentence: String) -> Box<Diagnostic> {
     Diagnostic::error(code, sentence).at(value.span.clone()).value(value.written())
+}
+
+/// Of a text where a number or a truth value is wanted: how to write what it seems to say.
+fn unquoted(schema: &Value, types: &[&str], value: &Val) -> Option<String> {
+    let text = value.text()?.trim();
+    if types.contains(&"boolean") && (text == "true" || text == "false") {
+        return Some(format!("write {text} without quotes"));
+    }
+    if !types.contains(&"number") && !types.contains(&"integer") {
+        return None;
+    }
+    let end = text.find(|c: char| !c.is_ascii_digit() && !"+-._".contains(c)).unwrap_or(text.len());
+    let number: f64 = text[..end].replace('_', "").parse().ok()?;
+    let (digits, rest) = (&text[..end], text[end..].trim());
+    match (rest, schema["x-unit"].as_str()) {
+        ("", _) => Some(format!("write {digits} without quotes")),
+        ("%", _) => Some(format!("write {}", number / 100.0)),
+        (rest, Some(unit)) if rest == unit => Some(format!("write {digits}: it is in {unit}")),
+        (_, Some(unit)) => Some(format!("write a number without quotes: it is in {unit}")),
+        _ => Some("write a number without quotes".into()),
+    }
 }
 
 /// Follows `$ref` within the schema.

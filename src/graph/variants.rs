@@ -87,7 +87,7 @@ fn matrix<'a>(table: &'a Table, scope: &Scope, wrong: &mut Diagnostics) -> Vec<(
                     } else if values.iter().any(|w| w.data.label() == v.data.label() && !v.is_bad()) {
                         let sentence = format!("`matrix.{}` has {} twice", key.name, v.data.label());
                         let d = Diagnostic::error("equal-values", sentence).at(v.span.clone()).value(v.written());
-                        wrong.push(d.help("1 and 1.0 are the same number"));
+                        wrong.push(same_number(d, [v]));
                     } else {
                         values.push(v.clone());
                     }
@@ -162,7 +162,8 @@ fn variants(me: usize, table: &Table, value: &Val, scope: &Scope, wrong: &mut Di
         let label: Vec<_> = row.iter().map(Axis::label).collect();
         if labels.contains(&label) {
             let d = Diagnostic::error("equal-values", "this entry of `variants` stands there twice");
-            wrong.push(d.at(entry.span.clone()).value(entry.written()).help("1 and 1.0 are the same number"));
+            let d = d.at(entry.span.clone()).value(entry.written());
+            wrong.push(same_number(d, row.iter().map(|axis| &axis.value)));
         } else if row.len() == first.0.len() {
             labels.push(label);
             rows.push(row);
@@ -218,6 +219,7 @@ pub fn meet(
             match wire.variant {
                 Some(name) => match all.iter().find(|&&i| names[i] == name) {
                     Some(&one) => fixed.push(one),
+                    None if all.is_empty() => {} // in a cycle, or its own variants are wrong: that is told
                     None => wrong.push(unknown_variant(name, wire.value, all, names).node(&draft.key.name)),
                 },
                 None if many || all.is_empty() || axes[all[0]].is_empty() => fixed.extend(all),
@@ -256,6 +258,12 @@ pub fn meet(
 
 fn agree(left: &[Axis], right: &[Axis]) -> bool {
     right.iter().all(|r| left.iter().all(|l| l.owner != r.owner || l.name != r.name || l.label() == r.label()))
+}
+
+/// Of two equal numbers one may not see that they are.
+fn same_number<'a>(d: Box<Diagnostic>, values: impl IntoIterator<Item = &'a Val>) -> Box<Diagnostic> {
+    let is_number = |v: &Val| matches!(v.data, Data::Int(_) | Data::Float(_));
+    if values.into_iter().any(is_number) { d.help("1 and 1.0 are the same number") } else { d }
 }
 
 fn unknown_variant(name: &str, value: &Val, all: &[usize], names: &[String]) -> Box<Diagnostic> {

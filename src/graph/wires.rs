@@ -61,7 +61,8 @@ pub fn connect(drafts: &mut [Draft], wrong: &mut Diagnostics) {
             let is_given = |name: &str| ports.iter().any(|(k, _)| k.name == name);
             let is_meant = |name: &str| meant.iter().any(|m| m.contains(&format!("mean `{name}`")));
             let lacks = |p: &&PortDecl| !p.optional && !is_given(&port_name(p)) && !is_meant(&port_name(p));
-            for port in entry.ports.iter().filter(lacks) {
+            let is_shaped = found.iter().all(|d| d.code != "wrong-type" || !d.message.starts_with("`in` "));
+            for port in entry.ports.iter().filter(lacks).filter(|_| is_shaped) {
                 let sentence = format!("port `{}` of `{}` is not connected", port_name(port), entry.name);
                 let help = format!("it takes {}: add `in.{} = \"..\"`", kinds(port), port_name(port));
                 found.push(Diagnostic::error("missing-port", sentence).at(key.span.clone()).help(help));

@@ -4,13 +4,13 @@
 
 mod interpolate;
 mod sets;
+mod text;
 mod value;
 
 use std::collections::BTreeSet;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-use toml::de::DeTable;
 
 pub use interpolate::Scope;
 pub use sets::Override;
@@ -94,6 +94,8 @@ struct Chain {
     texts: Vec<Arc<SourceFile>>,
 }
 
+/// Files in a row, each extended by the one before it.
+const MOST_FILES: usize = 100;
 const TOP: [&str; 4] = ["description", "extends", "node", "params"];
 
 impl Chain {
@@ -103,7 +105,7 @@ impl Chain {
             Some(from) => d.at(from.span.clone()).value(from.written()),
             None => d.value(name),
         };
-        let (canonical, bytes) = match path.canonicalize().and_then(|p| Ok((p, std::fs::read(path)?))) {
+        let (canonical, bytes) = match path.canonicalize().and_then(|p| Ok((p, text::read(path)?))) {
             Ok(both) => both,
             Err(e) => {
                 wrong
@@ -111,6 +113,11 @@ impl Chain {
                 return None;
             }
         };
+        if self.open.len() == MOST_FILES {
+            let sentence = format!("more than {MOST_FILES} files extend one another");
+            wrong.push(at(Diagnostic::error("extends-cycle", sentence)));
+            return None;
+        }
         if let Some(first) = self.open.iter().position(|open| *open == canonical) {
             let names: Vec<_> = self.texts[first..].iter().map(|t| format!("`{}`", t.name)).collect();
             let sentence = format!("{} extends itself: {} -> {}", names[0], names.join(" -> "), names[0]);
@@ -122,23 +129,35 @@ impl Chain {
             Ok(text) => text,
             Err(e) => {
                 let good = e.utf8_error().valid_up_to();
-                let text = String::from_utf8_lossy(e.as_bytes()).into_owned();
+                let wide = text::wide_text(e.as_bytes());
+                let d = Diagnostic::error("bad-text", "the file is not UTF-8");
+                let d = if wide.is_some() { d.help("it is UTF-16: save it as UTF-8") } else { d };
+                let text = wide.unwrap_or_else(|| String::from_utf8_lossy(e.as_bytes()).into_owned());
                 let file = Arc::new(SourceFile { name: name.into(), path, text });
-                let d = Diagnostic::error("bad-text", "the file is not UTF-8").at(Span { file, range: good..good + 1 });
-                wrong.push(d);
+                wrong.push(d.at(Span { file, range: good..good + 1 }));
                 return None;
             }
         };
+        if let Some(what) = text::other_format(&text, &path) {
+            let d = Diagnostic::error("bad-text", format!("`{name}` is no pipeline file: it begins as {what} does"));
+            wrong.push(at(d));
+            return None;
+        }
         let file = Arc::new(SourceFile { name: name.into(), path, text });
         self.open.push(canonical);
         self.texts.push(file.clone());
-        let mut table = parse(&file, wrong)?;
+        let mut table = text::parse(&file, wrong)?;
         for (key, _) in table.iter().filter(|(k, _)| !TOP.contains(&k.name.as_str())) {
             let d = Diagnostic::error("unknown-key", format!("`{}` is no key of a pipeline file", key.name));
             wrong.push(d.at(key.span.clone()).value(&key.name).help_nearest(did_you_mean(&key.name, TOP)));
         }
         let base = match table.remove("extends").map(|(_, v)| v) {
             None => Some(Layer::default()),
+            Some(v) if v.text() == Some("") => {
+                let d = Diagnostic::error("missing-file", "`extends` is empty");
+                wrong.push(d.at(v.span.clone()).value(v.written()));
+                None
+            }
             Some(v) if v.text().is_some() => {
                 let to = v.text().unwrap_or_default().to_string();
                 let name = Path::new(name).parent().unwrap_or(Path::new("")).join(&to);
@@ -164,27 +183,6 @@ impl Chain {
     }
 }
 
-/// With syntax errors only those, the first of each line.
-fn parse(file: &Arc<SourceFile>, wrong: &mut Diagnostics) -> Option<Table> {
-    let (table, errors) = DeTable::parse_recoverable(&file.text);
-    if errors.is_empty() {
-        return Some(value::Reader { file, offset: 0, wrong }.table(table.get_ref()));
-    }
-    let mut seen = Vec::new();
-    let mut found: Vec<_> = errors.iter().map(|e| (e.span().unwrap_or(0..0), e.message().to_string())).collect();
-    found.sort_by_key(|(range, _)| range.start);
-    for (range, message) in found {
-        let before = &file.text.as_bytes()[..range.start.min(file.text.len())];
-        let line = before.iter().filter(|&&b| b == b'\n').count();
-        if !seen.contains(&line) {
-            seen.push(line);
-            let message = message.lines().collect::<Vec<_>>().join(", ");
-            wrong.push(Diagnostic::error("syntax", message).at(Span { file: file.clone(), range }));
-        }
-    }
-    None
-}
-
 impl Layer {
     /// Puts a file's own tables above what it extends.
     fn add(&mut self, mut own: Table, wrong: &mut Diagnostics) {
@@ -203,6 +201,12 @@ impl Layer {
         }
         match own.remove("node").map(|(_, v)| v) {
             None => {}
+            // One that was meant as a node, under `[node]` itself.
+            Some(Val { data: Data::Table(nodes), .. }) if nodes.get("op").is_some_and(|v| v.text().is_some()) => {
+                let (key, op) = nodes.entry("op").expect("just seen");
+                let d = Diagnostic::error("missing-name", "a node needs a name").at(key.span.clone());
+                wrong.push(d.value(op.written()).help("write `[node.its-name]` above it"));
+            }
             Some(Val { data: Data::Table(nodes), .. }) => {
                 nodes.0.into_iter().for_each(|(key, node)| self.add_node(key, node, wrong));
             }
@@ -329,11 +333,14 @@ fn wrong_shape(name: &str, wanted: &str, v: &Val) -> Box<Diagnostic> {
 }
 
 /// An operating system's reason in our words.
-pub fn why(error: &std::io::Error) -> String {
+pub fn why(error: &io::Error) -> String {
     match error.kind() {
-        std::io::ErrorKind::NotFound => "there is no such file".into(),
-        std::io::ErrorKind::IsADirectory => "it is a folder".into(),
-        std::io::ErrorKind::PermissionDenied => "permission denied".into(),
+        io::ErrorKind::NotFound => "there is no such file".into(),
+        io::ErrorKind::IsADirectory => "it is a folder".into(),
+        io::ErrorKind::PermissionDenied => "permission denied".into(),
+        io::ErrorKind::Other => error.to_string(), // our own words
+        io::ErrorKind::NotADirectory => "a part of its path is no folder".into(),
+        io::ErrorKind::InvalidFilename => "the name is too long".into(),
         _ => error.to_string().to_lowercase(),
     }
 }

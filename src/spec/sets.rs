@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use toml::de::DeValue;
 
-use super::value::{Data, Key, Reader, Table, Val};
+use super::value::{Data, Key, MOST_DEEP, Reader, Table, Val};
 use crate::diag::{Diagnostic, Diagnostics, SourceFile, Span};
 
 /// One override: where it goes, and what.
@@ -43,6 +43,10 @@ impl Override {
             wrong.push(bad(0..equals, "an override names a param, or `node.`, a node and its parameter"));
             return None;
         }
+        if path.len() > MOST_DEEP {
+            wrong.push(Diagnostic::error("too-deep", super::text::TOO_DEEP).at(span(0..equals)));
+            return None;
+        }
         Some(Self { path, value: value(&file, equals + 1, wrong) })
     }
 
@@ -62,7 +66,7 @@ fn value(file: &Arc<SourceFile>, offset: usize, wrong: &mut Diagnostics) -> Val 
     let text = &file.text[offset..];
     let (parsed, errors) = DeValue::parse_recoverable(text);
     let mut trouble = Vec::new();
-    let read = Reader { file, offset, wrong: &mut trouble }.value(&parsed);
+    let read = Reader::new(file, offset, &mut trouble).value(&parsed);
     let span = Span { file: file.clone(), range: offset..file.text.len() };
     let data = match read.data {
         _ if !errors.is_empty() || text.trim().is_empty() => Data::Text(text.to_string()),

@@ -145,6 +145,8 @@ impl Data {
         match self {
             Data::Bool(b) => b.to_string(),
             Data::Int(i) => i.to_string(),
+            // Not three hundred zeros.
+            Data::Float(f) if f.abs() >= 1e16 => format!("{f:e}"),
             Data::Float(f) => (f + 0.0).to_string(),
             Data::Text(t) | Data::Date(t) => t.clone(),
             Data::Either(value, _) => value.label(),
@@ -174,13 +176,21 @@ fn short(text: &str) -> String {
 
 /// Takes parsed TOML over; numbers that are none (NaN, infinities, more than 64 bits) are mistakes.
 pub struct Reader<'a> {
-    pub file: &'a Arc<SourceFile>,
+    file: &'a Arc<SourceFile>,
     /// Where the parsed text begins within the file.
-    pub offset: usize,
-    pub wrong: &'a mut Diagnostics,
+    offset: usize,
+    wrong: &'a mut Diagnostics,
+    depth: usize,
 }
 
-impl Reader<'_> {
+/// Tables in lists in tables: deeper ones are refused, so that nothing that walks them can overflow.
+pub const MOST_DEEP: usize = 100;
+
+impl<'a> Reader<'a> {
+    pub fn new(file: &'a Arc<SourceFile>, offset: usize, wrong: &'a mut Diagnostics) -> Self {
+        Self { file, offset, wrong, depth: 0 }
+    }
+
     pub fn table(&mut self, table: &DeTable) -> Table {
         let mut entries = Vec::with_capacity(table.len());
         for (key, value) in table.iter() {
@@ -192,6 +202,11 @@ impl Reader<'_> {
 
     pub fn value(&mut self, value: &Spanned<DeValue>) -> Val {
         let span = self.span(value.span());
+        if self.depth == MOST_DEEP {
+            self.wrong.push(Diagnostic::error("too-deep", super::text::TOO_DEEP).at(span.clone()));
+            return Val { data: Data::Bad, span, origin: self.file.clone() };
+        }
+        self.depth += 1;
         let data = match value.get_ref() {
             DeValue::String(s) => Data::Text(s.to_string()),
             DeValue::Boolean(b) => Data::Bool(*b),
@@ -207,6 +222,7 @@ impl Reader<'_> {
             DeValue::Array(list) => Data::List(list.iter().map(|v| self.value(v)).collect()),
             DeValue::Table(table) => Data::Table(self.table(table)),
         };
+        self.depth -= 1;
         Val { data, span, origin: self.file.clone() }
     }
 
