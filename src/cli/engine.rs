@@ -8,6 +8,8 @@ use super::progress::Teller;
 use super::{Exit, Globals, Stop, Target};
 use crate::diag::Diagnostic;
 use crate::graph::Graph;
+use crate::op::NEVER;
+use crate::run::folder::Wait;
 use crate::run::plan::{Identity, build_id};
 use crate::run::store::Store;
 use crate::run::{self, Options};
@@ -62,6 +64,7 @@ pub fn options(globals: &Globals, place: &Place) -> Options {
     options.memory = globals.memory;
     options.fail_fast = globals.fail_fast;
     options.peaks = globals.events.is_some();
+    options.sync = true;
     options.stop = stop_on_ctrl_c();
     options
 }
@@ -71,7 +74,7 @@ pub fn jobs(globals: &Globals) -> usize {
 }
 
 /// Ctrl-C once: stop soon, keep what is finished. Twice: at once.
-fn stop_on_ctrl_c() -> Arc<AtomicBool> {
+pub fn stop_on_ctrl_c() -> Arc<AtomicBool> {
     static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     let stop = STOP.get_or_init(|| {
         let stop = Arc::new(AtomicBool::new(false));
@@ -121,7 +124,19 @@ pub fn pick_one(graph: &Graph, name: &str) -> Result<usize, Stop> {
 
 /// The cache, opened. What cannot be used at all is exit 4.
 pub fn store(place: &Place) -> Result<Store, Stop> {
-    Store::open(&place.cache).map_err(|error| unusable(place, &error))
+    let wait = &mut Wait { tell: &mut tell_waiting, stop: &NEVER };
+    Store::open_after(&place.cache, wait).map_err(|error| unusable(place, &error))
+}
+
+/// The same, when no run is at work in it; those that start wait.
+pub fn store_alone(place: &Place) -> Result<Store, Stop> {
+    let wait = &mut Wait { tell: &mut tell_waiting, stop: &NEVER };
+    Store::open_alone(&place.cache, wait).map_err(|error| unusable(place, &error))
+}
+
+fn tell_waiting(on: i32) {
+    let on = if on > 0 { format!("process {on}") } else { "another process".to_string() };
+    eprintln!("cache: waiting for {on}");
 }
 
 /// The cache, for commands that only look: they make none.

@@ -19,9 +19,12 @@ impl Writer {
     pub fn f64(&mut self, v: f64) {
         self.0.extend(v.to_le_bytes());
     }
-    pub fn text(&mut self, v: &str) {
+    pub fn blob(&mut self, v: &[u8]) {
         self.u32(v.len() as u32);
-        self.0.extend(v.as_bytes());
+        self.0.extend(v);
+    }
+    pub fn text(&mut self, v: &str) {
+        self.blob(v.as_bytes());
     }
     pub fn digest(&mut self, v: &Digest) {
         self.0.extend(v.0);
@@ -74,9 +77,12 @@ impl<'a> Reader<'a> {
     pub fn f64(&mut self) -> Option<f64> {
         Some(f64::from_le_bytes(self.bytes(8)?.try_into().ok()?))
     }
-    pub fn text(&mut self) -> Option<&'a str> {
+    pub fn blob(&mut self) -> Option<&'a [u8]> {
         let n = self.u32()? as usize;
-        std::str::from_utf8(self.bytes(n)?).ok()
+        self.bytes(n)
+    }
+    pub fn text(&mut self) -> Option<&'a str> {
+        std::str::from_utf8(self.blob()?).ok()
     }
     pub fn digest(&mut self) -> Option<Digest> {
         Some(Digest(self.bytes(32)?.try_into().ok()?))

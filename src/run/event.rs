@@ -57,9 +57,9 @@ pub enum Event {
         /// above 1, for nodes that did not run, and on systems other than Linux.
         peak_bytes: Option<u64>,
     },
-    /// Another process computes the node's result, or publishes into the folder.
+    /// Another process computes the node's result, publishes into the folder, or has the cache to itself (`cache gc`).
     Waiting {
-        /// Node or folder.
+        /// Node or folder, or `cache`.
         what: String,
         /// Its id, or 0 where that is not known.
         #[serde(rename = "process")]

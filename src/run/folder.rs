@@ -1,10 +1,13 @@
 //! The cache folder itself: its parts and marker files, paths of objects, ids of runs.
 
 use std::fs::{self, File, OpenOptions};
-use std::io;
+use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
 
 use nix::libc;
 
@@ -16,10 +19,26 @@ pub fn object_path(root: &Path, digest: &Digest) -> PathBuf {
     root.join("objects").join(&name[..2]).join(&name[2..])
 }
 
-/// For reading, never through a link.
+/// For reading, never through a link, and nothing that is endless.
 pub fn open(path: &Path) -> io::Result<File> {
-    OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)
+    let file = OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)?;
+    if file.metadata()?.is_file() { Ok(file) } else { Err(io::Error::other("it is not a regular file")) }
 }
+
+/// The bytes of a file that lodge keeps for itself; what is larger than any of these is an error.
+pub fn read_state(path: &Path) -> io::Result<Vec<u8>> {
+    let mut file = open(path)?;
+    let bytes = file.metadata()?.len();
+    if bytes > LARGEST_STATE {
+        return Err(io::Error::other("it is larger than lodge makes any"));
+    }
+    let mut out = Vec::with_capacity(bytes as usize);
+    file.read_to_end(&mut out)?;
+    Ok(out)
+}
+
+/// Ten thousand nodes and published files take two million.
+pub const LARGEST_STATE: u64 = 1 << 30;
 
 pub fn is_read_only(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied)
@@ -37,12 +56,33 @@ pub fn has_folders(root: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// What to do while another process must end first.
+pub struct Wait<'a> {
+    /// Hears which one it is.
+    pub tell: &'a mut dyn FnMut(i32),
+    /// Set to give up: an error of kind `Interrupted`.
+    pub stop: &'a AtomicBool,
+}
+
 /// Folders and marker files. A marker that is not as it should be is rewritten. The run says that it lives before its
-/// folder is there, else another would sweep it away.
-pub fn prepare(root: &Path, id: u64) -> io::Result<(Arc<Locks>, Guard)> {
+/// folder is there, else another would sweep it away; `alone`, that no other may.
+pub fn prepare(root: &Path, id: u64, alone: bool, wait: &mut Wait) -> io::Result<(Arc<Locks>, Guard)> {
     fs::create_dir_all(root.join("packs"))?;
-    let locks = Locks::open(&root.join("locks"))?;
-    let Claim::Got(alive) = locks.claim(id) else { return Err(io::Error::other("another run has the same id")) };
+    let locks = Locks::open(&root.join("locks")).map_err(|e| {
+        if is_read_only(&e) { e } else { io::Error::new(e.kind(), format!("`locks` in the cache: {e}")) }
+    })?;
+    let mut told = None;
+    let alive = loop {
+        match if alone { locks.claim_all()? } else { locks.claim(id) } {
+            Claim::Got(guard) => break guard,
+            Claim::Busy(process) if told != Some(process) => {
+                told = Some(process);
+                (wait.tell)(process);
+            }
+            Claim::Busy(_) if wait.stop.load(Ordering::Relaxed) => return Err(io::ErrorKind::Interrupted.into()),
+            Claim::Busy(_) => thread::sleep(Duration::from_millis(2)),
+        }
+    };
     fs::create_dir_all(root.join("tmp").join(format!("{id:016x}")))?;
     let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# Made by lodge; can be deleted at any time, and is then computed again.\n";
     for (name, text) in [("CACHEDIR.TAG", tag), (".gitignore", "*\n")] {
@@ -50,8 +90,9 @@ pub fn prepare(root: &Path, id: u64) -> io::Result<(Arc<Locks>, Guard)> {
         if open(&path).and_then(io::read_to_string).is_ok_and(|found| found == text) {
             continue;
         }
+        // Without them nothing is lost.
         let _ = fs::remove_file(&path);
-        fs::write(&path, text)?;
+        let _ = fs::write(&path, text);
     }
     Ok((locks, alive))
 }

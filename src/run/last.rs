@@ -2,7 +2,11 @@
 //! the keys lie with the results.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
+use std::fs;
 use std::io;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
 
 use super::Outcome;
 use super::codec::{Reader, Writer};
@@ -17,25 +21,40 @@ pub struct Last {
     pub before: Option<Digest>,
 }
 
-const TAG: &str = "lodge last run 1";
+/// Of one pipeline.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LastRun {
+    pub file: PathBuf,
+    pub nodes: BTreeMap<String, Last>,
+}
 
-fn name(graph: &Graph) -> String {
-    Digest::of(graph.file.as_os_str().as_encoded_bytes()).short(16)
+const TAG: &str = "lodge last run 2";
+
+/// The state file of a pipeline file.
+pub fn name(file: &Path) -> String {
+    Digest::of(file.as_os_str().as_encoded_bytes()).short(16)
 }
 
 /// By node.
 pub fn load(store: &Store, graph: &Graph) -> BTreeMap<String, Last> {
-    parse(&store.get_state("runs", &name(graph))).unwrap_or_default()
+    let name = name(&graph.file);
+    parse(&store.get_state("runs", &name), &name).map_or(BTreeMap::new(), |run| run.nodes)
 }
 
-fn parse(bytes: &[u8]) -> Option<BTreeMap<String, Last>> {
+/// The last run of every pipeline, with the name of its state.
+pub fn all(store: &Store) -> Vec<(String, LastRun)> {
+    let entries = fs::read_dir(store.state("runs", "")).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.sort();
+    names.into_iter().filter_map(|n| Some((n.clone(), parse(&store.get_state("runs", &n), &n)?))).collect()
+}
+
+/// The last run of this state's name, if it is whole.
+pub fn parse(bytes: &[u8], name: &str) -> Option<LastRun> {
     let mut from = Reader::unseal(bytes, TAG)?;
+    let file = PathBuf::from(OsStr::from_bytes(from.blob()?));
     let all = from.list(|f| Some((f.text()?.to_string(), Last { key: f.digest()?, before: f.option()? })))?;
-    Some(all.into_iter().collect())
-}
-
-pub fn is_whole(bytes: &[u8]) -> bool {
-    parse(bytes).is_some()
+    (self::name(&file) == name).then(|| LastRun { file, nodes: all.into_iter().collect() })
 }
 
 /// Nodes that this run did not finish keep what they had; nodes that are gone go.
@@ -57,12 +76,17 @@ pub fn note(store: &Store, graph: &Graph, outcome: &Outcome) -> io::Result<()> {
     if new == old {
         return Ok(());
     }
+    put(store, &LastRun { file: graph.file.clone(), nodes: new })
+}
+
+pub fn put(store: &Store, run: &LastRun) -> io::Result<()> {
     let mut out = Writer::default();
-    out.u32(new.len() as u32);
-    for (name, last) in &new {
+    out.blob(run.file.as_os_str().as_bytes());
+    out.u32(run.nodes.len() as u32);
+    for (name, last) in &run.nodes {
         out.text(name);
         out.digest(&last.key);
         out.option(last.before.as_ref());
     }
-    store.put_state("runs", &self::name(graph), &out.sealed(TAG))
+    store.put_state("runs", &name(&run.file), &out.sealed(TAG))
 }

@@ -7,12 +7,14 @@
 pub mod codec;
 pub mod event;
 pub mod executor;
-mod folder;
+pub mod folder;
 pub mod forecast;
+pub mod gc;
 pub mod history;
 pub mod key;
 pub mod last;
 pub mod lock;
+mod needs;
 pub mod pack;
 mod pass;
 pub mod peak;
@@ -26,6 +28,7 @@ pub mod stamp;
 pub mod store;
 pub mod verify;
 
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -35,6 +38,7 @@ use crate::diag::Diagnostic;
 use crate::graph::Graph;
 use event::{Event, Observer, Status};
 use executor::{InputFile, Local};
+use folder::Wait;
 use pass::Loop;
 use published::Published;
 use record::Record;
@@ -54,6 +58,8 @@ pub struct Options {
     pub fail_fast: bool,
     /// Look how much memory each node takes, where nodes run one by one.
     pub peaks: bool,
+    /// Wait at the end until what was computed is on the disk.
+    pub sync: bool,
     /// Read published files even where their stamps are as they were.
     pub verify: bool,
     /// Under which a plan for null reruns is kept.
@@ -71,6 +77,7 @@ impl Options {
             memory: None,
             fail_fast: false,
             peaks: false,
+            sync: false,
             verify: false,
             plan: None,
             stop: Arc::default(),
@@ -129,7 +136,11 @@ impl Outcome {
 pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut Observer) -> Outcome {
     let (started, began) = (Instant::now(), SystemTime::now());
     let mut outcome = Outcome::default();
-    match Store::open(&options.cache) {
+    let mut opened = None;
+    let nodes = needed(graph, only).iter().filter(|&&wanted| wanted).count();
+    observer(&Event::Started { pipeline: graph.name.clone(), nodes });
+    let tell = &mut |on| observer(&Event::Waiting { what: "cache".to_string(), on });
+    match Store::open_after(&options.cache, &mut Wait { tell, stop: &options.stop }) {
         Ok(store) => {
             let store = Arc::new(store);
             let executor = Local::new(options, graph.clone(), store.clone());
@@ -148,7 +159,9 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
             if !outcome.interrupted {
                 store.close();
             }
+            opened = Some(store);
         }
+        Err(error) if error.kind() == io::ErrorKind::Interrupted => outcome.interrupted = true,
         Err(error) => {
             let message = format!("cannot use the cache `{}`: {error}", options.cache.display());
             outcome.errors.push(Diagnostic::error("cache", message));
@@ -156,6 +169,11 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
         }
     }
     outcome.seconds = started.elapsed().as_secs_f64();
+    if let Some(Err(error)) = opened.filter(|_| options.sync).map(|store| store.sync()) {
+        let text = format!("results may be lost if the power fails now: {error}");
+        observer(&Event::Warning { node: None, text: text.clone() });
+        outcome.warnings.push(text);
+    }
     observer(&Event::Done { ok: outcome.ok(), interrupted: outcome.interrupted, seconds: outcome.seconds });
     outcome
 }

@@ -175,10 +175,17 @@ impl Appender {
     }
 }
 
-/// A new pack at `path` with some frames of another.
+/// A new pack at `path` with some frames of another, on the disk when this returns.
 pub fn rewrite(path: &Path, from: &File, frames: &[Frame]) -> io::Result<()> {
     let mut pack = Appender::new(File::create_new(path)?);
-    frames.iter().try_for_each(|frame| pack.append(frame.what, &frame.name, &[read(from, frame)?]).map(drop))
+    frames.iter().try_for_each(|frame| pack.append(frame.what, &frame.name, &[read(from, frame)?]).map(drop))?;
+    pack.file.sync_data()
+}
+
+/// The run whose pack this is, by its name.
+pub fn id_of(path: &Path) -> Option<u64> {
+    let name = path.file_name()?.to_str()?.strip_suffix(".pack")?;
+    u64::from_str_radix(name, 16).ok().filter(|_| name.len() == 16)
 }
 
 #[cfg(test)]

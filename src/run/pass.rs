@@ -66,7 +66,6 @@ impl<'a, 'o> Loop<'a, 'o> {
 
     pub fn run(mut self, outcome: &mut Outcome) {
         let nodes = self.slots.iter().filter(|s| s.wanted).count();
-        (self.observer)(&Event::Started { pipeline: self.graph.name.clone(), nodes });
         if self.store.is_read_only() {
             self.warn(format!("the cache `{}` cannot be written: results are not kept", self.store.root().display()));
         }

@@ -2,7 +2,6 @@
 //! published, and what it said of each node. Kept beside the cache, checked by its own checksums; whatever does not
 //! agree means the slow way, which needs no plan.
 
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,6 +9,8 @@ use std::time::{Instant, UNIX_EPOCH};
 
 use super::codec::{Reader, Writer, checksum};
 use super::event::Status;
+use super::folder::{LARGEST_STATE, open};
+use super::last;
 use super::published::{self, Published};
 use super::record::Record;
 use super::stamp::{self, Stamp, boot, is_remote};
@@ -118,6 +119,12 @@ pub fn compile(
             rows.push(Row { role: Role::Output, remote, path: state, stamp, digest });
         }
     }
+    // So does another run of the pipeline that had other results: then the last run is to be noted.
+    let state = store.state("runs", &last::name(&graph.file));
+    if let Some((stamp, digest)) = stamp::hash_output(&state) {
+        let (stamp, remote) = (stamp.on(store.grain()), is_remote(&state));
+        rows.push(Row { role: Role::Output, remote, path: state, stamp, digest });
+    }
     if rows.iter().any(|row| row.path.to_str().is_none()) {
         return Ok(());
     }
@@ -206,15 +213,27 @@ fn parts(head: &[u8], size: u64) -> Option<Vec<(usize, Digest)>> {
     (parts.len() == 3 && sum == size).then(|| parts.into_iter().map(|(n, d)| (n as usize, d)).collect())
 }
 
-/// Whether a plan's checksums hold.
-pub fn is_whole(bytes: &[u8]) -> bool {
-    let Some((head, mut rest)) = bytes.split_at_checked(HEAD) else { return false };
-    let Some(parts) = parts(head, bytes.len() as u64) else { return false };
-    parts.iter().all(|(n, sum)| {
-        let (part, after) = rest.split_at(*n);
-        rest = after;
-        checksum(TAG, part) == *sum
-    })
+/// Whether a plan is whole and the one of this name.
+pub fn is_whole(name: &str, bytes: &[u8]) -> bool {
+    whole(name, bytes).is_some()
+}
+
+fn whole<'a>(name: &str, bytes: &'a [u8]) -> Option<[&'a [u8]; 3]> {
+    let (head, mut rest) = bytes.split_at_checked(HEAD)?;
+    let mut out = [&[][..]; 3];
+    for (part, (n, sum)) in out.iter_mut().zip(parts(head, bytes.len() as u64)?) {
+        (*part, rest) = rest.split_at_checked(n)?;
+        if checksum(TAG, part) != sum {
+            return None;
+        }
+    }
+    (Reader::new(out[0]).digest()?.short(16) == name).then_some(out)
+}
+
+/// The keys of a plan's nodes, if it is whole.
+pub fn keys(name: &str, bytes: &[u8]) -> Option<Vec<Digest>> {
+    let nodes = Reader::new(whole(name, bytes)?[1]).list(node)?;
+    Some(nodes.into_iter().filter_map(|n| Some(n.record?.key)).collect())
 }
 
 /// The outcome of a run that has nothing to do, if that is certain. `words`: with summaries and files; without,
@@ -222,10 +241,11 @@ pub fn is_whole(bytes: &[u8]) -> bool {
 pub fn replay(cache: &Path, identity: &Identity, words: bool) -> Option<Outcome> {
     let started = Instant::now();
     let path = identity.path(cache);
-    let mut file = File::open(&path).ok()?;
+    let mut file = open(&path).ok()?;
     let mut head = [0; HEAD];
     file.read_exact(&mut head).ok()?;
-    let parts = parts(&head, file.metadata().ok()?.len())?;
+    let size = file.metadata().ok()?.len();
+    let parts = parts(&head, size).filter(|_| size <= LARGEST_STATE)?;
     let mut part = |n: usize| {
         let mut bytes = vec![0; parts[n].0];
         file.read_exact(&mut bytes).ok()?;

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::Options;
 use super::event::{Event, Observer};
 use super::executor::decode;
+use super::lock;
 use super::published::{Published, State, note, state_name, write_state};
 use super::record::Record;
 use super::stamp::{self, Stamp};
@@ -69,7 +70,7 @@ pub fn publish(
         all.extend(state.before.values().filter(stays).map(|p| (&*p.path, p)));
         all.extend(found.files.iter().map(|p| (&*p.path, p)));
         let new = planned.as_deref().unwrap_or_default().iter().filter(|_| !found.complete);
-        let bytes = write_state(out, &all, state.planned.iter().filter(stays).chain(new));
+        let bytes = write_state(graph, out, &all, state.planned.iter().filter(stays).chain(new));
         note(store, &name, &bytes);
         drop(guard);
         planned.map(|_| ())
@@ -92,7 +93,8 @@ fn lock(out: &Path, observer: &mut Observer) -> io::Result<File> {
     fs::create_dir_all(out)?;
     let folder = File::open(out)?;
     if let Err(fs::TryLockError::WouldBlock) = folder.try_lock() {
-        observer(&Event::Waiting { what: out.display().to_string(), on: 0 });
+        let on = lock::holder_of(&folder);
+        observer(&Event::Waiting { what: out.display().to_string(), on });
         folder.lock()?;
     }
     Ok(folder)
@@ -151,7 +153,7 @@ impl Work<'_> {
         let planned: Vec<Published> = all.iter().filter(|(f, ..)| differs(f)).map(planned).collect();
         if !planned.is_empty() {
             let before = self.before.iter().map(|(path, old)| (&**path, old)).collect();
-            note(self.store, name, &write_state(self.out, &before, state.planned.iter().chain(&planned)));
+            note(self.store, name, &write_state(graph, self.out, &before, state.planned.iter().chain(&planned)));
         }
         for group in all.chunk_by(|a, b| a.0.last == b.0.last) {
             let ends: Vec<io::Result<End>> = group.par_iter().map(|(file, ..)| self.publish_one(file)).collect();
@@ -180,9 +182,15 @@ impl Work<'_> {
             return Ok(planned);
         }
 
-        // (3) Remove what the last run published and this one does not make, unless somebody changed it.
+        // (3) Remove what a killed run left half, and what the last run published and this one does not make, unless somebody changed it.
         let (fresh, known) = nodes_of(graph, ready);
         let made: BTreeSet<&str> = found.files.iter().map(|f| &*f.path).collect();
+        for old in state.planned.iter().filter(|old| is_below(&old.path)) {
+            let path = half(&self.out.join(&old.path));
+            if self.parents_are_folders(&path) {
+                let _ = fs::remove_file(path);
+            }
+        }
         for old in self.before.values().chain(&state.planned) {
             let gone = fresh.contains(&*old.node) || !known.contains(&*old.node);
             if gone && !made.contains(&*old.path) && is_below(&old.path) {
@@ -249,9 +257,7 @@ impl Work<'_> {
             match fs::rename(&fresh, path) {
                 Err(e) if e.kind() == io::ErrorKind::CrossesDevices && attempt == 0 => {
                     let _ = fs::remove_file(&fresh);
-                    // A name of its own, and the same the next time: what a killed run leaves goes then.
-                    let name = path.file_name().expect("published files have names");
-                    fresh = folder.join(format!(".lodge-{}", Digest::of(name.as_encoded_bytes()).short(12)));
+                    fresh = half(path);
                     let _ = fs::remove_file(&fresh);
                 }
                 Err(e) => {
@@ -301,6 +307,13 @@ impl Work<'_> {
             }
         }
     }
+}
+
+/// Where a file lies while it is copied from another device: a name of its own, and the same the next time, so that
+/// what a killed run leaves is known.
+fn half(path: &Path) -> PathBuf {
+    let name = path.file_name().expect("published files have names");
+    path.with_file_name(format!(".lodge-{}", Digest::of(name.as_encoded_bytes()).short(12)))
 }
 
 /// Relative, and never upwards.

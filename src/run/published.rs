@@ -25,7 +25,7 @@ pub struct Published {
     pub node: String,
 }
 
-const TAG: &str = "lodge published 3";
+const TAG: &str = "lodge published 4";
 
 /// Not touched where nothing changed: plans depend on it.
 pub fn note(store: &Store, name: &str, bytes: &[u8]) {
@@ -37,14 +37,22 @@ pub fn note(store: &Store, name: &str, bytes: &[u8]) {
 }
 
 pub fn state_name(graph: &Graph, out: &Path) -> String {
+    name_of(&graph.file.to_string_lossy(), &absolute(out).to_string_lossy())
+}
+
+fn name_of(file: &str, out: &str) -> String {
     let mut name = Writer::default();
-    name.text(&graph.file.to_string_lossy());
-    name.text(&absolute(out).to_string_lossy());
+    name.text(file);
+    name.text(out);
     Digest::of(&name.0).short(16)
 }
 
+/// Without links, as far as there are folders.
 fn absolute(path: &Path) -> PathBuf {
-    fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_path_buf())
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    let real = |at: &Path| Some(fs::canonicalize(at).ok()?.join(path.strip_prefix(at).ok()?));
+    // Joining nothing would add a slash.
+    path.ancestors().find_map(real).map_or(path.clone(), |p| p.components().collect())
 }
 
 /// What the last runs published here, and what runs that were killed may have. A damaged state is none: then nothing
@@ -56,42 +64,49 @@ pub struct State {
 
 impl State {
     pub fn read(store: &Store, name: &str) -> Self {
-        let all = parse(&store.get_state("published", name)).map_or(Vec::new(), |(_, all)| all);
+        let all = parse(&store.get_state("published", name), name).map_or(Vec::new(), |state| state.files);
         let (planned, before): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, planned)| *planned);
         let before = before.into_iter().map(|(p, _)| (p.path.clone(), p)).collect();
         Self { before, planned: planned.into_iter().map(|(p, _)| p).collect() }
     }
 }
 
-/// The output folder and what lies there, true beside what a run was about to write.
-fn parse(bytes: &[u8]) -> Option<(PathBuf, Vec<(Published, bool)>)> {
+/// A pipeline's file, an output folder of it, and what lies there.
+pub struct Folder {
+    pub pipeline: PathBuf,
+    pub out: PathBuf,
+    /// True beside what a run was about to write.
+    pub files: Vec<(Published, bool)>,
+}
+
+/// The state of this name, if it is whole.
+pub fn parse(bytes: &[u8], name: &str) -> Option<Folder> {
     let mut from = Reader::unseal(bytes, TAG)?;
     // A reboot may have lost what was written without waiting for the disk.
     let same_boot = from.text()? == boot();
-    let out = PathBuf::from(from.text()?);
-    let all = from.list(|f| {
+    let (pipeline, out) = (from.text()?, from.text()?);
+    if name_of(pipeline, out) != name {
+        return None;
+    }
+    let files = from.list(|f| {
         let (path, node) = (f.text()?.to_string(), f.text()?.to_string());
         let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
         let stamp = if same_boot { stamp } else { Stamp::default() };
         Some((Published { path, digest, bytes, written: false, stamp, node }, f.u32()? != 0))
     })?;
-    Some((out, all))
+    Some(Folder { pipeline: pipeline.into(), out: out.into(), files })
 }
 
-pub fn is_whole(bytes: &[u8]) -> bool {
-    parse(bytes).is_some()
-}
-
-/// All that this cache knows to be published, with the folder it lies in.
-pub fn all(store: &Store) -> Vec<(PathBuf, Published)> {
-    let mut names: Vec<_> = fs::read_dir(store.root().join("published")).into_iter().flatten().flatten().collect();
-    names.sort_by_key(|e| e.file_name());
-    let states = names.iter().filter_map(|e| parse(&store.get_state("published", e.file_name().to_str()?)));
-    let published = |(p, planned): (Published, bool)| (!planned).then_some(p);
-    states.flat_map(|(out, all)| all.into_iter().filter_map(published).map(move |p| (out.clone(), p))).collect()
+/// Every output folder that this cache knows, with the name of its state.
+pub fn all(store: &Store) -> Vec<(String, Folder)> {
+    let entries = fs::read_dir(store.state("published", "")).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.sort();
+    names.into_iter().filter_map(|n| Some((n.clone(), parse(&store.get_state("published", &n), &n)?))).collect()
 }
 
 pub fn write_state<'a>(
+    graph: &Graph,
     folder: &Path,
     all: &BTreeMap<&str, &'a Published>,
     planned: impl Iterator<Item = &'a Published>,
@@ -99,6 +114,7 @@ pub fn write_state<'a>(
     let planned: BTreeMap<(&str, &Digest), &Published> = planned.map(|p| ((&*p.path, &p.digest), p)).collect();
     let mut out = Writer::default();
     out.text(&boot());
+    out.text(&graph.file.to_string_lossy());
     out.text(&absolute(folder).to_string_lossy());
     out.u32((all.len() + planned.len()) as u32);
     let files = all.values().map(|&p| (p, 0)).chain(planned.values().map(|&p| (p, 1)));

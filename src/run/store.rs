@@ -1,5 +1,8 @@
 //! The cache folder: objects by digest, results by key. Everything in it is written once under a fresh name and
-//! checked when it is read; nothing is waited for by fsync, because what a crash tears is noticed and made again.
+//! checked when it is read. No node waits for the disk; what a power failure tears is noticed and made again. So that
+//! little is, a run that computed something ends with one [`Store::sync`]: of its pack, its large objects and the note of
+//! the last run, whatever else the disk has to do. Published files are not waited for: after a reboot no stamp of theirs
+//! counts, and the next run reads them.
 //!
 //! ```text
 //! CACHEDIR.TAG, .gitignore
@@ -11,6 +14,8 @@
 //! history/NAME-N      runs of the past (`history`)
 //! ```
 
+mod upkeep;
+
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
@@ -20,13 +25,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use super::folder::{fresh_id, has_folders, is_read_only, object_path, open, prepare};
+use super::folder::{Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_state};
 use super::lock::{Claim, Guard, Locks};
 use super::pack::{self, Appender, Frame, What};
 use super::record::Record;
 use super::stamp;
 use crate::artifact::Blob;
 use crate::digest::Digest;
+use crate::op::NEVER;
 
 /// Objects up to this size lie in packs: the tiles of a tileset, thousands of them, take one file.
 pub const SMALL: u64 = 1 << 22;
@@ -46,6 +52,8 @@ pub struct Store {
     own: Mutex<Option<Appender>>,
     index: Mutex<Index>,
     names: AtomicU64,
+    /// Files of this run that [`Store::sync`] waits for.
+    fresh: Mutex<Vec<PathBuf>>,
     grain: OnceLock<Option<u64>>,
 }
 
@@ -66,23 +74,41 @@ struct Pack {
     file: Arc<File>,
     path: PathBuf,
     scanned: u64,
+    /// Damaged bytes among what was scanned.
+    lost: u64,
     own: bool,
 }
 
 impl Store {
     /// Opens or makes the cache in `root`. Where that cannot be written, results go to a temporary folder.
     pub fn open(root: &Path) -> io::Result<Self> {
+        Self::open_after(root, &mut Wait { tell: &mut |_| {}, stop: &NEVER })
+    }
+
+    /// The same, with words for a process that has the cache to itself and must end first.
+    pub fn open_after(root: &Path, wait: &mut Wait) -> io::Result<Self> {
         has_folders(root)?;
         let id = fresh_id();
-        let store = match prepare(root, id) {
+        let store = match prepare(root, id, false, wait) {
             Ok((locks, alive)) => Self::new(root, id, None, Some((locks, alive))),
             Err(e) if is_read_only(&e) => {
                 let folder = tempfile::Builder::new().prefix("lodge-").tempdir()?;
-                prepare(folder.path(), id)?;
+                prepare(folder.path(), id, false, wait)?;
                 Self::new(root, id, Some(folder), None)
             }
             Err(e) => return Err(e),
         };
+        store.sweep();
+        store.refresh()?;
+        store.mend();
+        Ok(store)
+    }
+
+    /// Opens a cache for oneself alone: waits until no run is at work, and those that start wait until this is closed.
+    pub fn open_alone(root: &Path, wait: &mut Wait) -> io::Result<Self> {
+        has_folders(root)?;
+        let id = fresh_id();
+        let store = Self::new(root, id, None, Some(prepare(root, id, true, wait)?));
         store.sweep();
         store.refresh()?;
         Ok(store)
@@ -108,6 +134,7 @@ impl Store {
             own: Mutex::default(),
             index: Mutex::default(),
             names: AtomicU64::new(0),
+            fresh: Mutex::default(),
             grain: OnceLock::new(),
         }
     }
@@ -144,6 +171,9 @@ impl Store {
         let fresh = self.fresh();
         fs::write(&fresh, bytes)?;
         let path = self.state(folder, name);
+        if folder == "runs" {
+            self.fresh.lock().unwrap().push(path.clone());
+        }
         match fs::rename(&fresh, &path) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
                 fs::create_dir_all(self.root.join(folder))?;
@@ -170,9 +200,7 @@ impl Store {
 
     /// A state file's bytes; none where there is no such file.
     pub fn get_state(&self, folder: &str, name: &str) -> Vec<u8> {
-        let mut out = Vec::new();
-        let read = open(&self.state(folder, name)).and_then(|mut f| f.read_to_end(&mut out));
-        if read.is_ok() { out } else { Vec::new() }
+        read_state(&self.state(folder, name)).unwrap_or_default()
     }
 
     /// Claims a key, so that two processes do not compute it at once. None where there are no claims.
@@ -195,7 +223,7 @@ impl Store {
         paths.sort();
         for path in paths {
             if let Ok(file) = open(&path) {
-                index.packs.push(Pack { file: Arc::new(file), path, scanned: 0, own: false });
+                index.packs.push(Pack { file: Arc::new(file), path, scanned: 0, lost: 0, own: false });
             }
         }
         for i in 0..index.packs.len() {
@@ -205,6 +233,7 @@ impl Store {
             }
             let Ok(scan) = pack::scan(&pack.file, pack.scanned) else { continue };
             index.packs[i].scanned = scan.end;
+            index.packs[i].lost += scan.lost;
             for frame in scan.frames {
                 index.add(i, frame);
             }
@@ -243,21 +272,6 @@ impl Store {
     /// Makes `key` a miss until it is put again.
     pub fn drop_result(&self, key: &Digest) {
         self.index.lock().unwrap().dropped.insert(*key);
-    }
-
-    /// Whether the run of this id is at work.
-    pub fn is_alive(&self, id: u64) -> bool {
-        id != self.id && self.locks.as_ref().is_some_and(|l| l.is_held(id))
-    }
-
-    /// Writes a damaged pack of a run that has ended again, with what is `good` of it.
-    pub fn replace_pack(&self, path: &Path, file: &File, good: &[Frame]) -> io::Result<()> {
-        if good.is_empty() {
-            return fs::remove_file(path);
-        }
-        let fresh = self.fresh();
-        let copied = pack::rewrite(&fresh, file, good);
-        copied.and_then(|()| fs::rename(&fresh, path)).inspect_err(|_| _ = fs::remove_file(&fresh))
     }
 
     // ----------------------------------------------------------------------------------------------- objects
@@ -372,6 +386,7 @@ impl Store {
     /// Gives a finished file its name.
     fn install(&self, fresh: &Path, digest: &Digest) -> io::Result<()> {
         let path = object_path(&self.write, digest);
+        self.fresh.lock().unwrap().push(path.clone());
         match fs::rename(fresh, &path) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
                 fs::create_dir_all(path.parent().expect("objects lie in folders"))?;
@@ -387,7 +402,8 @@ impl Store {
             let path = self.write.join("packs").join(format!("{:016x}.pack", self.id));
             let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path)?;
             let reader = Arc::new(file.try_clone()?);
-            self.index.lock().unwrap().packs.push(Pack { file: reader, path, scanned: 0, own: true });
+            self.fresh.lock().unwrap().push(path.clone());
+            self.index.lock().unwrap().packs.push(Pack { file: reader, path, scanned: 0, lost: 0, own: true });
             *own = Some(Appender::new(file));
         }
         let frame = own.as_mut().expect("made above").append(what, name, body)?;
@@ -395,25 +411,6 @@ impl Store {
         let pack = index.packs.iter().position(|p| p.own).expect("made above");
         index.add(pack, frame);
         Ok(())
-    }
-
-    /// Removes this run's folder. Nothing large can be written afterwards.
-    pub fn close(&self) {
-        let _ = fs::remove_dir_all(self.write.join("tmp").join(format!("{:016x}", self.id)));
-    }
-
-    /// Removes what runs that died left in `tmp`.
-    fn sweep(&self) {
-        let Some(locks) = &self.locks else { return };
-        let Ok(entries) = fs::read_dir(self.root.join("tmp")) else { return };
-        for entry in entries.flatten() {
-            let id = entry.file_name().to_str().and_then(|n| u64::from_str_radix(n, 16).ok());
-            if let Some(id) = id.filter(|&id| id != self.id)
-                && !locks.is_held(id)
-            {
-                let _ = fs::remove_dir_all(entry.path());
-            }
-        }
     }
 }
 

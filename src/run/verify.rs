@@ -1,16 +1,17 @@
 //! Reads every byte of a cache and of what was published from it. What is damaged is repaired where its bytes are
 //! still known, else evicted: then it is computed again when it is wanted.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::folder::open;
+use super::folder::{open, read_state};
 use super::pack::{self, Frame, What};
 use super::record::Record;
 use super::store::Store;
-use super::{history, last, plan, publish, published, stamp};
+use super::{history, last, needs, plan, publish, published, stamp};
 use crate::digest::Digest;
 
 /// What lies in a cache.
@@ -64,7 +65,9 @@ pub struct Found {
     pub repaired: Vec<String>,
     /// Gone; computed again when wanted.
     pub evicted: Vec<String>,
-    /// Published files that somebody changed: the next run puts them back.
+    /// Results of last runs that are not there, with what they consist of; computed again when wanted.
+    pub missing: Vec<String>,
+    /// Published files that somebody changed or removed: the next run puts them back.
     pub changed: Vec<String>,
     /// Not ours.
     pub foreign: Vec<String>,
@@ -73,7 +76,7 @@ pub struct Found {
 
 impl Found {
     pub fn is_clean(&self) -> bool {
-        let lists = [&self.repaired, &self.evicted, &self.changed, &self.foreign, &self.unrepaired];
+        let lists = [&self.repaired, &self.evicted, &self.missing, &self.changed, &self.foreign, &self.unrepaired];
         lists.iter().all(|l| l.is_empty())
     }
 
@@ -87,6 +90,9 @@ impl Found {
 
 pub fn verify(store: &Store) -> Found {
     let mut found = Found::default();
+    let mut whole = Whole::default();
+    // First: what a run notes meanwhile may stand on what was not there yet.
+    let runs = last::all(store);
     let all = files(store.root());
     let part = |folder: &str| -> Vec<(String, PathBuf)> {
         all.iter().filter(|(name, _)| name.split('/').next() == Some(folder)).cloned().collect()
@@ -100,28 +106,42 @@ pub fn verify(store: &Store) -> Found {
     for (name, path, object) in checked {
         found.checked += 1;
         match object {
-            Object::Whole(bytes) => found.bytes += bytes,
+            Object::Whole(digest, bytes) => {
+                found.bytes += bytes;
+                whole.objects.insert(digest);
+            }
             Object::Damaged => found.remove(&name, &path, "damaged"),
             Object::Foreign => found.foreign.push(name),
         }
     }
 
-    // (2) Packs. A damaged one is written again without what is damaged.
-    let mut rewrite = Vec::new();
+    // (2) Packs. A damaged one is written again without what is damaged, and without results that lost an object.
+    let mut packs = Vec::new();
     for (name, path) in part("packs") {
-        let Some(id) = name.strip_prefix("packs/").and_then(|n| n.strip_suffix(".pack")).and_then(hex) else {
+        let Some(id) = pack::id_of(&path).filter(|_| name.matches('/').count() == 1) else {
             found.foreign.push(name);
             continue;
         };
-        match self::pack(&path, &mut found) {
-            Some(good) if good.damaged > 0 || good.lost > 0 => rewrite.push((name, path, id, good)),
-            Some(_) => {}
+        // What such a run has put since is not seen.
+        let alive = store.is_alive(id);
+        match self::pack(&path, &mut found, &mut whole) {
+            Some(good) => packs.push((name, path, alive, good)),
             None => found.remove(&name, &path, "cannot be read"),
         }
     }
-    for (name, path, id, good) in rewrite {
-        let what = format!("{name}: {} damaged records, {} lost bytes", good.damaged, good.lost);
-        if store.is_alive(id) {
+    let bereft = whole.drop_incomplete(store);
+    for (name, path, alive, mut good) in packs {
+        let before = good.frames.len();
+        good.frames.retain(|f| alive || f.what != What::Result || !bereft.contains(&f.name));
+        let bereft = before - good.frames.len();
+        if good.damaged == 0 && good.lost == 0 && bereft == 0 {
+            continue;
+        }
+        let mut what = format!("{name}: {} damaged records, {} lost bytes", good.damaged, good.lost);
+        if bereft > 0 {
+            what += &format!(", {bereft} results without their objects");
+        }
+        if alive {
             found.changed.push(format!("{what}, of a run that is still at work"));
             continue;
         }
@@ -138,14 +158,15 @@ pub fn verify(store: &Store) -> Found {
             continue;
         }
         found.checked += 1;
-        let bytes = fs::read(&path).unwrap_or_default();
+        let bytes = read_state(&path).unwrap_or_default();
         found.bytes += bytes.len() as u64;
         let good = match name.split_once('/') {
-            Some(("plans", _)) => plan::is_whole(&bytes),
-            Some(("published", _)) => published::is_whole(&bytes),
+            Some(("plans", plan)) => plan::is_whole(plan, &bytes),
+            Some(("published", state)) => published::parse(&bytes, state).is_some(),
             Some(("history", run)) => history::is_whole(run, &bytes),
-            Some((_, "stamps")) => stamp::is_whole(&bytes),
-            _ => last::is_whole(&bytes),
+            Some(("runs", "stamps")) => stamp::is_whole(&bytes),
+            Some((_, pipeline)) => last::parse(&bytes, pipeline).is_some(),
+            None => false,
         };
         if !good {
             found.remove(&name, &path, "damaged");
@@ -160,10 +181,40 @@ pub fn verify(store: &Store) -> Found {
         }
     }
 
-    // (4) Published files.
-    for (out, file) in published::all(store) {
+    // (4) What the last runs had.
+    for (name, mut run) in runs {
+        let before = run.clone();
+        run.nodes.retain(|node, last| {
+            let there = whole.results.contains_key(&last.key);
+            if !there {
+                found.missing.push(format!("result of `{node}` of {}", run.file.display()));
+            }
+            there
+        });
+        if run != before
+            && last::parse(&store.get_state("runs", &name), &name).is_some_and(|now| now == before)
+            && let Err(error) = last::put(store, &run)
+        {
+            tracing::debug!(%error, "cannot note what is missing");
+        }
+    }
+
+    // (5) Published files.
+    let published = published::all(store).into_iter().flat_map(|(_, mut folder)| {
+        if needs::is_gone(&folder.out) && !folder.files.is_empty() {
+            found.changed.push(folder.out.display().to_string());
+            folder.files.clear();
+        }
+        let files = folder.files.into_iter().filter(|f| !f.1).map(|f| f.0);
+        files.map(|file| (folder.out.clone(), file)).collect::<Vec<_>>()
+    });
+    let published: Vec<_> = published.collect();
+    for (out, file) in published {
         let path = out.join(&file.path);
-        let Some((stamp, digest)) = stamp::hash_output(&path) else { continue };
+        let Some((stamp, digest)) = stamp::hash_output(&path) else {
+            found.changed.push(path.display().to_string());
+            continue;
+        };
         found.checked += 1;
         found.bytes += stamp.size;
         if digest == file.digest {
@@ -187,8 +238,30 @@ pub fn verify(store: &Store) -> Found {
     found
 }
 
+/// What is there and as it should be.
+#[derive(Default)]
+struct Whole {
+    objects: BTreeSet<Digest>,
+    /// By key.
+    results: BTreeMap<Digest, Record>,
+}
+
+impl Whole {
+    /// Drops results of which something is missing; their keys.
+    fn drop_incomplete(&mut self, store: &Store) -> BTreeSet<Digest> {
+        let complete = |record: &Record| {
+            let own = [Some(record.digest), record.notes];
+            own.iter().flatten().all(|d| self.objects.contains(d))
+                && needs::objects_of(store, record).iter().all(|d| self.objects.contains(d))
+        };
+        let bereft: BTreeSet<Digest> = self.results.iter().filter(|(_, r)| !complete(r)).map(|(k, _)| *k).collect();
+        self.results.retain(|key, _| !bereft.contains(key));
+        bereft
+    }
+}
+
 enum Object {
-    Whole(u64),
+    Whole(Digest, u64),
     Damaged,
     Foreign,
 }
@@ -201,7 +274,7 @@ fn object(name: &str, path: &Path) -> Object {
     };
     let Some(digest) = digest else { return Object::Foreign };
     match stamp::hash_output(path) {
-        Some((stamp, found)) if found == digest => Object::Whole(stamp.size),
+        Some((stamp, found)) if found == digest => Object::Whole(digest, stamp.size),
         _ => Object::Damaged,
     }
 }
@@ -214,28 +287,37 @@ struct Good {
     lost: u64,
 }
 
-fn pack(path: &Path, found: &mut Found) -> Option<Good> {
+fn pack(path: &Path, found: &mut Found, whole: &mut Whole) -> Option<Good> {
     let file = open(path).ok()?;
     let size = file.metadata().ok()?.len();
     let scan = pack::scan(&file, 0).ok()?;
     let lost = scan.lost + (size - scan.end);
     found.bytes += size;
     found.checked += scan.frames.len() as u64;
-    let fits = |frame: &Frame| {
+    // Of a whole frame, the record that it may be.
+    let read = |frame: &Frame| {
         let body = pack::read(&file, frame).ok()?;
         Some(match frame.what {
-            What::Object => Digest::of(&body) == frame.name,
-            What::Result => Record::of_bytes(&body, &frame.name).is_some(),
+            What::Object => (Digest::of(&body) == frame.name).then_some(None),
+            What::Result => Record::of_bytes(&body, &frame.name).map(Some),
         })
     };
-    let fits: Vec<bool> = scan.frames.par_iter().map(fits).collect::<Option<_>>()?;
+    let read: Vec<Option<Option<Record>>> = scan.frames.par_iter().map(read).collect::<Option<_>>()?;
     let all = scan.frames.len();
-    let frames: Vec<Frame> = scan.frames.into_iter().zip(fits).filter(|f| f.1).map(|f| f.0).collect();
+    let mut frames = Vec::with_capacity(all);
+    for (frame, read) in scan.frames.into_iter().zip(read) {
+        match read {
+            None => continue,
+            // Without its words, which take room.
+            Some(Some(record)) => {
+                let record = Record { summary: String::new(), lines: Vec::new(), ..record };
+                whole.results.insert(frame.name, record);
+            }
+            Some(None) => _ = whole.objects.insert(frame.name),
+        }
+        frames.push(frame);
+    }
     Some(Good { file, damaged: all - frames.len(), frames, lost })
-}
-
-fn hex(text: &str) -> Option<u64> {
-    u64::from_str_radix(text, 16).ok()
 }
 
 /// Every file below a folder, links not followed: name with `/`, and path; sorted.

@@ -141,7 +141,7 @@ pub mod write {
                 .height
                 .par_iter()
                 .enumerate()
-                .map(|(i, v)| put(format!("n/{i}.txt"), format!("{v:<pad$}"), false))
+                .map(|(i, v)| put(format!("n/{i}.txt"), super::padded(v.to_string(), pad), false))
                 .collect();
             let mut files = files?;
             files.push(put("index.txt".to_string(), format!("{:?}", input.values.height), true)?);
@@ -149,6 +149,11 @@ pub mod write {
             Ok(Files { files })
         }
     }
+}
+
+fn padded(mut text: String, bytes: usize) -> String {
+    text.extend(std::iter::repeat_n(' ', bytes.saturating_sub(text.len())));
+    text
 }
 
 pub static TOYS: [Entry; 3] =

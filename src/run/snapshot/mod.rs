@@ -123,6 +123,11 @@ fn pending_of(path: &Path) -> PathBuf {
 }
 
 fn read(path: &Path) -> io::Result<Option<Snap>> {
+    // Whoever reads from a pipe waits for ever.
+    let is_odd = |m: std::fs::Metadata| !m.is_file() && !m.is_dir();
+    if std::fs::metadata(path).is_ok_and(is_odd) {
+        return Err(io::Error::other("it is not a regular file"));
+    }
     match std::fs::read_to_string(path) {
         Ok(text) => Ok(Some(Snap::parse(&text))),
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -134,8 +139,13 @@ fn write(path: &Path, snap: &Snap, rules: Rules) -> io::Result<()> {
     if rules.read_only {
         return Ok(());
     }
-    std::fs::create_dir_all(path.parent().expect("a snapshot lies in a folder"))?;
-    std::fs::write(path, snap.to_text())
+    let folder = path.parent().expect("a snapshot lies in a folder");
+    std::fs::create_dir_all(folder)?;
+    // Whole or not at all, and in place of a link, not through it.
+    let open_to_all = std::os::unix::fs::PermissionsExt::from_mode(0o666);
+    let mut file = tempfile::Builder::new().prefix(".lodge-").permissions(open_to_all).tempfile_in(folder)?;
+    io::Write::write_all(&mut file, snap.to_text().as_bytes())?;
+    file.persist(path).map(drop).map_err(|e| e.error)
 }
 
 /// Files of the pipeline that belong to none of its nodes and variants, pending ones too: what one that was removed,

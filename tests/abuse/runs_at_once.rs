@@ -1,0 +1,92 @@
+//! Two and eight runs on one cache.
+
+use std::collections::BTreeMap;
+use std::process::Stdio;
+
+use serde_json::Value;
+
+use super::support::Place;
+use super::toy::tree;
+use super::{Random, lodge, names, times, town};
+
+/// Starts them together; what each printed, and its events.
+fn all(place: &Place, runs: &[Vec<String>]) -> (Vec<Value>, Vec<Value>, Vec<u32>) {
+    let start = |(i, args): (usize, &Vec<String>)| {
+        let args: Vec<&str> = args.iter().map(String::as_str).collect();
+        let mut command = lodge(place, &["run", "p.toml", "--json", "--events", &format!("e{i}.jsonl")]);
+        command.args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let children: Vec<_> = runs.iter().enumerate().map(start).collect();
+    let ids = children.iter().map(|c| c.id()).collect();
+    let mut said = Vec::new();
+    for child in children {
+        let out = child.wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(0), "{out:?}");
+        said.push(serde_json::from_slice(&out.stdout).unwrap());
+    }
+    let mut events = Vec::new();
+    for i in 0..runs.len() {
+        let text = std::fs::read_to_string(place.path(&format!("e{i}.jsonl"))).unwrap();
+        events.extend(text.lines().map(|l| serde_json::from_str::<Value>(l).unwrap()));
+    }
+    (said, events, ids)
+}
+
+#[test]
+fn each_node_is_computed_once_and_waiting_says_on_whom() {
+    let place = town(12);
+    let clean = place.lodge_json(&["run", "p.toml"]);
+    let (nodes, right) = (names(&clean, "ran").len(), tree(&place.path("out")));
+    let (mut waited, mut published) = (0, 0);
+    for round in 0..times(20) {
+        for runs in [2, 8] {
+            ["cache", "out"].iter().for_each(|f| std::fs::remove_dir_all(place.path(f)).unwrap());
+            let (said, events, ids) = all(&place, &vec![vec![]; runs]);
+            let mut ran = BTreeMap::<&str, usize>::new();
+            said.iter().flat_map(|run| names(run, "ran")).for_each(|n| *ran.entry(n).or_default() += 1);
+            assert!(ran.len() == nodes && ran.values().all(|&n| n == 1), "round {round}, {runs} runs: {ran:?}");
+            assert!(tree(&place.path("out")) == right, "round {round}, {runs} runs");
+            for event in events.iter().filter(|e| e["event"] == "waiting") {
+                let on = event["process"].as_u64().unwrap() as u32;
+                // Nobody, where the other ended between the try and the question.
+                assert!(on == 0 || ids.contains(&on), "{event}");
+                waited += usize::from(on != 0);
+                published += usize::from(on != 0 && event["what"].as_str().unwrap().ends_with("out/p"));
+            }
+        }
+    }
+    println!("{waited} waited for another process, {published} of them to publish");
+    assert!(waited > 0);
+}
+
+#[test]
+fn runs_of_different_settings_publish_whole_one_after_the_other() {
+    let place = town(3);
+    let set = |i: usize| vec!["--set".to_string(), format!("node.tiles.max-triangles={}", 700 + 300 * i)];
+    let runs: Vec<Vec<String>> = (0..4).map(set).collect();
+    let trees: Vec<_> = runs
+        .iter()
+        .map(|args| {
+            let args: Vec<&str> = args.iter().map(String::as_str).collect();
+            place.lodge_json(&[&["run", "p.toml"], &args[..]].concat());
+            tree(&place.path("out"))
+        })
+        .collect();
+    let mut random = Random::new("settings");
+    let mut last = vec![0; runs.len()];
+    for round in 0..times(100) {
+        // Sometimes with everything to do, sometimes with nothing but to publish.
+        if round % 2 == 0 {
+            ["cache", "out"].iter().for_each(|f| std::fs::remove_dir_all(place.path(f)).unwrap());
+        }
+        let mut order: Vec<usize> = (0..runs.len()).collect();
+        order.sort_by_key(|_| random.below(1000));
+        let these: Vec<_> = order[..2 + random.below(3)].iter().map(|&i| runs[i].clone()).collect();
+        all(&place, &these);
+        let found = tree(&place.path("out"));
+        let which = trees.iter().position(|t| *t == found);
+        let which = which.unwrap_or_else(|| panic!("round {round}: {these:?} left a mixture of {} files", found.len()));
+        last[which] += 1;
+    }
+    println!("who came last: {last:?}");
+}
