@@ -181,7 +181,11 @@ fn a_plan_says_the_same_and_trusts_nothing_that_changed() {
     let home = tempfile::tempdir().unwrap();
     let yard = Yard::diamond(home.path());
     let cache = home.path().join(".lodge");
-    let replay = || lodge::run::plan::replay(&cache, &yard.identity(), true);
+    let replay = || {
+        let found = lodge::run::plan::replay(&cache, &yard.identity())?;
+        assert_eq!(found.table()?, "5 nodes");
+        found.outcome()
+    };
     assert!(replay().is_none());
     yard.ran();
     let first = yard.run();

@@ -1,5 +1,6 @@
 //! `lodge run FILE [NODE..]`: runs what is needed, publishes what writers made.
 
+use std::fmt::Write;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
@@ -28,9 +29,9 @@ impl Args {
         let identity = place.identity(&self.target, &self.nodes);
         if !self.verify
             && globals.events.is_none()
-            && let Some(outcome) = plan::replay(&place.cache, &identity, globals.json)
+            && let Some(replay) = plan::replay(&place.cache, &identity)
+            && tell_again(&place.name, &replay, globals).is_some()
         {
-            tell(&place.name, &outcome, globals);
             return Ok(Exit::Done);
         }
         let graph = Arc::new(self.target.load()?);
@@ -38,6 +39,7 @@ impl Args {
         let mut options = engine::options(globals, &place);
         options.verify = self.verify;
         options.plan = Some(identity);
+        options.table = cached;
         let mut teller = Teller::new(globals);
         let outcome = run::run(&graph, &only, &options, &mut |event| teller.hear(event));
         eprint!("{}", render::text(&outcome.diagnostics(), render::Style::for_stderr()));
@@ -52,6 +54,18 @@ fn tell(pipeline: &str, outcome: &run::Outcome, globals: &Globals) {
     } else if !globals.quiet {
         super::say(&table(pipeline, outcome));
     }
+}
+
+/// Of a run that had nothing to do; none where the plan does not say any more.
+fn tell_again(pipeline: &str, replay: &plan::Replay, globals: &Globals) -> Option<()> {
+    if globals.json {
+        super::print(&to_json(pipeline, &replay.outcome()?));
+    } else if !globals.quiet {
+        let rows = replay.table()?;
+        let foot = foot(pipeline, &[(replay.nodes, Status::Cached)], [0, replay.files], replay.seconds());
+        super::say(&(rows + &foot));
+    }
+    Some(())
 }
 
 pub fn exit(outcome: &run::Outcome) -> Exit {
@@ -108,30 +122,45 @@ fn node_json(node: &NodeOutcome) -> Value {
     out
 }
 
-/// A row per node: name, what happened, time, size.
+/// A row per node: name, what happened, time, size. And a line about all.
 fn table(pipeline: &str, outcome: &run::Outcome) -> String {
-    let width = outcome.nodes.iter().map(|n| n.name.chars().count()).max().unwrap_or(0);
+    let count = |status| outcome.nodes.iter().filter(|n| n.status == status).count();
+    let counts = [Status::Ran, Status::Cached, Status::Failed, Status::Skipped].map(|s| (count(s), s));
+    let written = outcome.files.iter().filter(|f| f.written).count();
+    rows(&outcome.nodes, |n| n.status) + &foot(pipeline, &counts, [written, outcome.files.len()], outcome.seconds)
+}
+
+/// Nodes that are cached, as a rerun will show them.
+fn cached(nodes: &[NodeOutcome]) -> String {
+    rows(nodes, |_| Status::Cached)
+}
+
+fn rows(nodes: &[NodeOutcome], status: fn(&NodeOutcome) -> Status) -> String {
+    let width = nodes.iter().map(|n| n.name.chars().count()).max().unwrap_or(0);
     let mut out = String::new();
-    for node in &outcome.nodes {
+    for node in nodes {
         let name = &node.name;
         let bytes = node.record.as_ref().map_or(String::new(), |r| size(r.bytes + r.blob_bytes));
         let time = if node.status == Status::Skipped { String::new() } else { time(node.seconds) };
         let why = node.because.as_ref().map_or(String::new(), |b| format!("  because of `{b}`"));
-        out += format!("{name:width$}  {:8}{time:>9}{bytes:>11}{why}", node.status.name()).trim_end();
+        let start = out.len();
+        let _ = write!(out, "{name:width$}  {:8}{time:>9}{bytes:>11}{why}", status(node).name());
+        out.truncate(start + out[start..].trim_end().len());
         out.push('\n');
         for warning in &node.warnings {
-            out += &format!("{:width$}  warning: {warning}\n", "");
+            let _ = writeln!(out, "{:width$}  warning: {warning}", "");
         }
     }
-    let count = |status| outcome.nodes.iter().filter(|n| n.status == status).count();
-    let parts = [Status::Ran, Status::Cached, Status::Failed, Status::Skipped].map(|s| (count(s), s.name()));
-    let parts: Vec<_> = parts.iter().filter(|p| p.0 > 0).map(|(n, s)| format!("{n} {s}")).collect();
-    let written = outcome.files.iter().filter(|f| f.written).count();
-    out += &format!("{pipeline}: {}", parts.join(", "));
-    if !outcome.files.is_empty() {
-        out += &format!("; {} of {} files written", written, outcome.files.len());
+    out
+}
+
+fn foot(pipeline: &str, counts: &[(usize, Status)], [written, files]: [usize; 2], seconds: f64) -> String {
+    let parts: Vec<_> = counts.iter().filter(|p| p.0 > 0).map(|(n, s)| format!("{n} {}", s.name())).collect();
+    let mut out = format!("{pipeline}: {}", parts.join(", "));
+    if files > 0 {
+        out += &format!("; {written} of {files} files written");
     }
-    out + &format!("; {}\n", time(outcome.seconds))
+    out + &format!("; {}\n", time(seconds))
 }
 
 pub fn time(seconds: f64) -> String {

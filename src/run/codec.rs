@@ -57,6 +57,11 @@ impl<'a> Reader<'a> {
         (checksum(tag, rest).0 == sum).then_some(Self(rest))
     }
 
+    /// Bytes that are left.
+    pub fn left(&self) -> usize {
+        self.0.len()
+    }
+
     pub fn bytes(&mut self, n: usize) -> Option<&'a [u8]> {
         let (head, rest) = self.0.split_at_checked(n)?;
         self.0 = rest;

@@ -34,7 +34,7 @@ pub enum Fate {
 pub fn forecast(graph: &Graph, only: &[usize], store: &Store) -> Vec<Forecast> {
     let wanted = needed(graph, only);
     let old = last::load(store, graph);
-    let stamps = Stamps::load(store);
+    let mut stamps = Stamps::load(store);
     let mut digests: Vec<Option<Digest>> = vec![None; graph.nodes.len()];
     let mut out = Vec::new();
     for (index, node) in graph.nodes.iter().enumerate().filter(|&(n, _)| wanted[n]) {

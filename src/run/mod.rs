@@ -22,6 +22,7 @@ pub mod plan;
 pub mod publish;
 pub mod published;
 pub mod record;
+mod rows;
 mod slots;
 pub mod snapshot;
 pub mod stamp;
@@ -64,6 +65,8 @@ pub struct Options {
     pub verify: bool,
     /// Under which a plan for null reruns is kept.
     pub plan: Option<plan::Identity>,
+    /// What a person is told of nodes that are all cached: kept in the plan.
+    pub table: fn(&[NodeOutcome]) -> String,
     /// Set from outside to end the run.
     pub stop: Arc<AtomicBool>,
 }
@@ -80,6 +83,7 @@ impl Options {
             sync: false,
             verify: false,
             plan: None,
+            table: |_| String::new(),
             stop: Arc::default(),
         }
     }
@@ -152,7 +156,7 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
                 tracing::debug!(%error, "cannot remember the run");
             }
             if let (true, Some(identity)) = (outcome.ok() && outcome.warnings.is_empty(), &options.plan)
-                && let Err(error) = plan::compile(&store, identity, graph, &outcome, options.out.as_deref())
+                && let Err(error) = plan::compile(&store, identity, graph, &outcome, options)
             {
                 tracing::debug!(%error, "cannot keep a plan");
             }

@@ -2,7 +2,9 @@
 //! published, and what it said of each node. Kept beside the cache, checked by its own checksums; whatever does not
 //! agree means the slow way, which needs no plan.
 
-use std::io::{self, Read};
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Instant, UNIX_EPOCH};
@@ -13,9 +15,10 @@ use super::folder::{LARGEST_STATE, open};
 use super::last;
 use super::published::{self, Published};
 use super::record::Record;
-use super::stamp::{self, Stamp, boot, is_remote};
+use super::rows::{self, Fresh, Role, Row};
+use super::stamp::{self, Remotes, Stamp, boot, is_remote};
 use super::store::Store;
-use super::{NodeOutcome, Outcome};
+use super::{NodeOutcome, Options, Outcome};
 use crate::digest::Digest;
 use crate::graph::{Graph, expand};
 
@@ -62,24 +65,8 @@ pub fn build_id(registry: &crate::op::Registry) -> String {
     made.map_or(out.clone(), |(bytes, when)| format!("{out} {bytes} {when:?}"))
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Role {
-    /// A text or input: a link's target counts.
-    Input = 0,
-    /// A published file: a link is a change.
-    Output = 1,
-}
-
-struct Row {
-    role: Role,
-    remote: bool,
-    path: PathBuf,
-    stamp: Stamp,
-    digest: Digest,
-}
-
-const TAG: &str = "lodge plan 2";
-/// Three lengths and checksums: rows, nodes, words.
+const TAG: &str = "lodge plan 3";
+/// Three lengths and checksums: files, table, words.
 const HEAD: usize = 3 * 40;
 
 /// Keeps a plan of a run in which all was well.
@@ -88,25 +75,26 @@ pub fn compile(
     identity: &Identity,
     graph: &Graph,
     outcome: &Outcome,
-    out: Option<&Path>,
+    options: &Options,
 ) -> io::Result<()> {
     if store.is_read_only() {
         return Ok(());
     }
     let mut rows = Vec::new();
+    let mut remotes = Remotes::default();
     for text in graph.texts.iter().filter(|t| !t.path.as_os_str().is_empty()) {
         let (stamp, digest) = stamp::hash_input(&text.path)?;
         if digest != Digest::of(text.text.as_bytes()) {
             return Ok(()); // edited meanwhile
         }
-        let (stamp, remote) = (stamp.on(store.grain()), is_remote(&text.path));
+        let (stamp, remote) = (stamp.on(store.grain()), remotes.is_remote(&text.path, &stamp));
         rows.push(Row { role: Role::Input, remote, path: text.path.clone(), stamp, digest });
     }
     for file in outcome.nodes.iter().flat_map(|n| &n.files) {
         let (path, stamp, digest) = (file.path.clone(), file.stamp, file.digest);
-        rows.push(Row { role: Role::Input, remote: is_remote(&path), path, stamp, digest });
+        rows.push(Row { role: Role::Input, remote: remotes.is_remote(&path, &stamp), path, stamp, digest });
     }
-    if let Some(out) = out {
+    if let Some(out) = &options.out {
         let remote = is_remote(out);
         for file in &outcome.files {
             let (path, stamp, digest) = (out.join(&file.path), file.stamp, file.digest);
@@ -125,17 +113,27 @@ pub fn compile(
         let (stamp, remote) = (stamp.on(store.grain()), is_remote(&state));
         rows.push(Row { role: Role::Output, remote, path: state, stamp, digest });
     }
-    if rows.iter().any(|row| row.path.to_str().is_none()) {
-        return Ok(());
-    }
-    let mut globs: Vec<(String, Digest)> = Vec::new();
+    let mut out = Writer::default();
+    out.digest(&identity.digest());
+    out.text(&boot());
+    out.u32(outcome.nodes.len() as u32);
+    out.u32(outcome.files.len() as u32);
+    let mut globs: Vec<(&str, Digest)> = Vec::new();
     for pattern in outcome.nodes.iter().flat_map(|n| &graph.nodes[n.index].globs) {
         let (Some(text), Some(found)) = (pattern.to_str(), glob_digest(pattern)) else { return Ok(()) };
-        globs.push((text.to_string(), found));
+        globs.push((text, found));
     }
-    let bytes = write(identity, &rows, &globs, &write_nodes(outcome), &write_words(outcome));
-    let name = identity.digest().short(16);
-    store.put_state("plans", &name, &bytes)
+    out.u32(globs.len() as u32);
+    for (pattern, found) in globs {
+        out.text(pattern);
+        out.digest(&found);
+    }
+    if rows::write(rows, &mut out).is_none() {
+        return Ok(());
+    }
+    let table = (options.table)(&outcome.nodes);
+    let bytes = join([&out.0, table.as_bytes(), &write_words(outcome)]);
+    store.put_state("plans", &identity.digest().short(16), &bytes)
 }
 
 fn glob_digest(pattern: &Path) -> Option<Digest> {
@@ -144,33 +142,8 @@ fn glob_digest(pattern: &Path) -> Option<Digest> {
     Some(Digest::of(&out.0))
 }
 
-fn write(identity: &Identity, rows: &[Row], globs: &[(String, Digest)], nodes: &[u8], words: &[u8]) -> Vec<u8> {
-    let mut out = Writer::default();
-    out.digest(&identity.digest());
-    out.text(&boot());
-    out.u32(rows.len() as u32);
-    for row in rows {
-        out.0.push(row.role as u8);
-        out.0.push(row.remote.into());
-        out.text(row.path.to_str().expect("looked at before"));
-        row.stamp.write(&mut out);
-        out.digest(&row.digest);
-    }
-    out.u32(globs.len() as u32);
-    for (pattern, found) in globs {
-        out.text(pattern);
-        out.digest(found);
-    }
-    let mut head = Writer::default();
-    for part in [&out.0[..], nodes, words] {
-        head.u64(part.len() as u64);
-        head.digest(&checksum(TAG, part));
-    }
-    [&head.0[..], &out.0, nodes, words].concat()
-}
-
-/// What the table needs.
-fn write_nodes(outcome: &Outcome) -> Vec<u8> {
+/// What only `--json` and `cache gc` need.
+fn write_words(outcome: &Outcome) -> Vec<u8> {
     let mut out = Writer::default();
     out.u32(outcome.nodes.len() as u32);
     for node in &outcome.nodes {
@@ -184,16 +157,8 @@ fn write_nodes(outcome: &Outcome) -> Vec<u8> {
         out.f64(record.seconds);
         out.u32(node.warnings.len() as u32);
         node.warnings.iter().for_each(|w| out.text(w));
+        out.text(&record.summary);
     }
-    out.u32(outcome.files.len() as u32);
-    out.0
-}
-
-/// What only `--json` needs.
-fn write_words(outcome: &Outcome) -> Vec<u8> {
-    let mut out = Writer::default();
-    out.u32(outcome.nodes.len() as u32);
-    outcome.nodes.iter().for_each(|n| out.text(&n.record.as_ref().expect("all is well").summary));
     out.u32(outcome.files.len() as u32);
     for file in &outcome.files {
         out.text(&file.path);
@@ -205,12 +170,22 @@ fn write_words(outcome: &Outcome) -> Vec<u8> {
     out.0
 }
 
+fn join(parts: [&[u8]; 3]) -> Vec<u8> {
+    let mut head = Writer::default();
+    for part in parts {
+        head.u64(part.len() as u64);
+        head.digest(&checksum(TAG, part));
+    }
+    [&head.0[..], parts[0], parts[1], parts[2]].concat()
+}
+
 /// Lengths and checksums, if they fill a file of `size` bytes.
-fn parts(head: &[u8], size: u64) -> Option<Vec<(usize, Digest)>> {
+fn parts(head: &[u8], size: u64) -> Option<[(usize, Digest); 3]> {
     let mut from = Reader::new(head);
-    let parts: Vec<(u64, Digest)> = (0..3).map_while(|_| Some((from.u64()?, from.digest()?))).collect();
+    let mut one = || Some((from.u64()?, from.digest()?));
+    let parts = [one()?, one()?, one()?];
     let sum = parts.iter().try_fold(HEAD as u64, |sum, p| sum.checked_add(p.0))?;
-    (parts.len() == 3 && sum == size).then(|| parts.into_iter().map(|(n, d)| (n as usize, d)).collect())
+    (sum == size).then_some(parts.map(|(n, sum)| (n as usize, sum)))
 }
 
 /// Whether a plan is whole and the one of this name.
@@ -232,90 +207,87 @@ fn whole<'a>(name: &str, bytes: &'a [u8]) -> Option<[&'a [u8]; 3]> {
 
 /// The keys of a plan's nodes, if it is whole.
 pub fn keys(name: &str, bytes: &[u8]) -> Option<Vec<Digest>> {
-    let nodes = Reader::new(whole(name, bytes)?[1]).list(node)?;
+    let nodes = Reader::new(whole(name, bytes)?[2]).list(node)?;
     Some(nodes.into_iter().filter_map(|n| Some(n.record?.key)).collect())
 }
 
-/// The outcome of a run that has nothing to do, if that is certain. `words`: with summaries and files; without,
-/// `Outcome::files` has only its length.
-pub fn replay(cache: &Path, identity: &Identity, words: bool) -> Option<Outcome> {
+/// A run that has nothing to do: that much is certain. What it says is read when it is wanted, and none where that is
+/// damaged: then the run goes the slow way.
+pub struct Replay {
+    started: Instant,
+    pub nodes: usize,
+    /// Published ones.
+    pub files: usize,
+    file: File,
+    parts: [(usize, Digest); 3],
+}
+
+/// The plan, if every file is as it was.
+pub fn replay(cache: &Path, identity: &Identity) -> Option<Replay> {
     let started = Instant::now();
     let path = identity.path(cache);
-    let mut file = open(&path).ok()?;
+    let file = open(&path).ok()?;
     let mut head = [0; HEAD];
-    file.read_exact(&mut head).ok()?;
+    file.read_exact_at(&mut head, 0).ok()?;
     let size = file.metadata().ok()?.len();
     let parts = parts(&head, size).filter(|_| size <= LARGEST_STATE)?;
-    let mut part = |n: usize| {
-        let mut bytes = vec![0; parts[n].0];
-        file.read_exact(&mut bytes).ok()?;
-        (checksum(TAG, &bytes) == parts[n].1).then_some(bytes)
-    };
-
-    // (1) Is every file as it was?
-    let rows_part = part(0)?;
-    let mut from = Reader::new(&rows_part);
+    let mut replay = Replay { started, nodes: 0, files: 0, file, parts };
+    let mut bytes = replay.part(0)?;
+    let mut from = Reader::new(&bytes);
     if from.digest()? != identity.digest() || from.text()? != boot() {
         return None;
     }
-    let mut young = false;
-    let mut rows = Vec::new();
-    for _ in 0..from.u32()? {
-        let role = if from.u8()? == 0 { Role::Input } else { Role::Output };
-        let remote = from.u8()? != 0;
-        let path = Path::new(from.text()?);
-        let (stamp, digest) = (Stamp::read(&mut from)?, from.digest()?);
-        let now = match role {
-            Role::Input => Stamp::of_input(path).ok()?,
-            Role::Output => Stamp::of_output(path)?,
-        };
-        let mut row = Row { role, remote, path: path.to_path_buf(), stamp, digest };
-        if !now.same(&stamp) || !stamp.settled(remote) {
-            // Perhaps only touched.
-            let (fresh, found) = match role {
-                Role::Input => stamp::hash_input(path).ok()?,
-                Role::Output => stamp::hash_output(path)?,
-            };
-            if found != digest {
-                return None;
-            }
-            row.stamp = fresh;
-            young = true;
-        }
-        rows.push(row);
-    }
-    let globs = from.list(|f| Some((f.text()?.to_string(), f.digest()?)))?;
+    (replay.nodes, replay.files) = (from.u32()? as usize, from.u32()? as usize);
+    let globs = from.list(|f| Some((f.text()?, f.digest()?)))?;
     if globs.iter().any(|(pattern, found)| glob_digest(Path::new(pattern)).as_ref() != Some(found)) {
         return None;
     }
-
-    // (2) Then all is said already.
-    let nodes_part = part(1)?;
-    let mut from = Reader::new(&nodes_part);
-    let mut nodes = from.list(node)?;
-    let mut files = vec![Published::default(); from.u32()? as usize];
-    let words_part = if words || young { part(2)? } else { Vec::new() };
-    if words {
-        let mut from = Reader::new(&words_part);
-        let summaries = from.list(|f| f.text().map(str::to_string))?;
-        for (node, summary) in nodes.iter_mut().zip(summaries) {
-            Arc::get_mut(node.record.as_mut()?)?.summary = summary;
-        }
-        files = from.list(published)?;
-    }
-    if young {
+    let fresh = rows::unchanged(&mut from)?;
+    if !fresh.is_empty() {
         // The next time their stamps will do.
-        let bytes = write(identity, &rows, &globs, &nodes_part, &words_part);
+        for Fresh { left, stamp } in fresh {
+            let mut new = Writer::default();
+            stamp.write(&mut new);
+            let at = bytes.len() - left;
+            bytes[at..at + new.0.len()].copy_from_slice(&new.0);
+        }
+        let bytes = join([&bytes, &replay.part(1)?, &replay.part(2)?]);
         let fresh = path.with_extension(format!("{}", std::process::id()));
         let _ = std::fs::write(&fresh, bytes).and_then(|()| std::fs::rename(&fresh, &path));
     }
-    nodes.iter_mut().enumerate().for_each(|(i, n)| n.index = i);
-    Some(Outcome { seconds: started.elapsed().as_secs_f64(), nodes, files, ..Outcome::default() })
+    Some(replay)
+}
+
+impl Replay {
+    pub fn seconds(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    fn part(&self, n: usize) -> Option<Vec<u8>> {
+        let at = HEAD + self.parts[..n].iter().map(|p| p.0).sum::<usize>();
+        let mut bytes = vec![0; self.parts[n].0];
+        self.file.read_exact_at(&mut bytes, at as u64).ok()?;
+        (checksum(TAG, &bytes) == self.parts[n].1).then_some(bytes)
+    }
+
+    /// What [`Options::table`] gave.
+    pub fn table(&self) -> Option<String> {
+        String::from_utf8(self.part(1)?).ok()
+    }
+
+    /// Everything.
+    pub fn outcome(&self) -> Option<Outcome> {
+        let bytes = self.part(2)?;
+        let mut from = Reader::new(&bytes);
+        let mut nodes = from.list(node)?;
+        nodes.iter_mut().enumerate().for_each(|(i, n)| n.index = i);
+        Some(Outcome { seconds: self.seconds(), nodes, files: from.list(published)?, ..Outcome::default() })
+    }
 }
 
 fn node(from: &mut Reader) -> Option<NodeOutcome> {
     let (name, op) = (from.text()?.to_string(), from.text()?.to_string());
-    let record = Record {
+    let mut record = Record {
         key: from.digest()?,
         digest: from.digest()?,
         bytes: from.u64()?,
@@ -323,6 +295,8 @@ fn node(from: &mut Reader) -> Option<NodeOutcome> {
         seconds: from.f64()?,
         ..Record::default()
     };
+    let warnings = from.list(|f| f.text().map(str::to_string))?;
+    record.summary = from.text()?.to_string();
     Some(NodeOutcome {
         index: 0,
         name,
@@ -330,7 +304,7 @@ fn node(from: &mut Reader) -> Option<NodeOutcome> {
         status: Status::Cached,
         seconds: record.seconds,
         record: Some(Arc::new(record)),
-        warnings: from.list(|f| f.text().map(str::to_string))?,
+        warnings,
         error: None,
         because: None,
         files: Vec::new(),

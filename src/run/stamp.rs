@@ -11,7 +11,9 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
+use nix::fcntl::AtFlags;
 use nix::libc;
+use nix::sys::stat::fstatat;
 
 use super::codec::{Reader, Writer};
 use super::executor::InputFile;
@@ -65,6 +67,22 @@ impl Stamp {
     /// Of a published file: none where there is something else than a regular file.
     pub fn of_output(path: &Path) -> Option<Self> {
         fs::symlink_metadata(path).ok().filter(Metadata::is_file).map(|m| Self::of_meta(&m))
+    }
+
+    /// Of a file below an open folder, with a link's target or without; none of anything but a regular file.
+    pub fn of_entry(folder: &File, name: &str, follow: bool) -> Option<Self> {
+        let flags = if follow { AtFlags::empty() } else { AtFlags::AT_SYMLINK_NOFOLLOW };
+        let found = fstatat(folder, name, flags).ok()?;
+        let nanos = |s: i64, n: i64| s.saturating_mul(1_000_000_000).saturating_add(n);
+        (found.st_mode & libc::S_IFMT == libc::S_IFREG).then(|| Self {
+            device: found.st_dev,
+            inode: found.st_ino,
+            size: found.st_size as u64,
+            mtime: nanos(found.st_mtime, found.st_mtime_nsec),
+            ctime: nanos(found.st_ctime, found.st_ctime_nsec),
+            taken: now(),
+            fine: false,
+        })
     }
 
     /// Of an open file.
@@ -164,11 +182,22 @@ pub fn is_remote(path: &Path) -> bool {
     }
 }
 
+/// [`is_remote`] of many files: of a device the system is asked once.
+#[derive(Default)]
+pub struct Remotes(BTreeMap<u64, bool>);
+
+impl Remotes {
+    pub fn is_remote(&mut self, path: &Path, stamp: &Stamp) -> bool {
+        *self.0.entry(stamp.device).or_insert_with(|| is_remote(path))
+    }
+}
+
 /// Digests of input files that were read before, with the stamps that they had.
 #[derive(Default)]
 pub struct Stamps {
     known: BTreeMap<PathBuf, (Stamp, Digest)>,
     changed: bool,
+    remotes: Remotes,
 }
 
 const TAG: &str = "lodge stamps 2";
@@ -182,14 +211,14 @@ impl Stamps {
             let all = from.list(|f| Some((PathBuf::from(f.text()?), (Stamp::read(f)?, f.digest()?))))?;
             same_boot.then(|| all.into_iter().collect())
         };
-        Self { known: parse().unwrap_or_default(), changed: false }
+        Self { known: parse().unwrap_or_default(), ..Self::default() }
     }
 
     /// A file that is surely as it was when it was read.
-    pub fn known(&self, path: &Path) -> Option<InputFile> {
+    pub fn known(&mut self, path: &Path) -> Option<InputFile> {
         let &(stamp, digest) = self.known.get(path)?;
         let now = Stamp::of_input(path).ok()?;
-        let sure = now.same(&stamp) && stamp.settled(is_remote(path));
+        let sure = now.same(&stamp) && stamp.settled(self.remotes.is_remote(path, &now));
         sure.then(|| InputFile { path: path.to_path_buf(), stamp, digest })
     }
 
@@ -296,6 +325,20 @@ mod tests {
             File::options().write(true).open(&path).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
             assert!(!Stamp::of_input(&path).unwrap().same(&before), "write {i}");
         }
+    }
+
+    #[test]
+    fn below_a_folder_a_file_has_the_same_stamp() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, link) = (folder.path().join("a"), folder.path().join("link"));
+        fs::write(&a, "one").unwrap();
+        std::os::unix::fs::symlink(&a, &link).unwrap();
+        let open = File::open(folder.path()).unwrap();
+        let of = |name, follow| Stamp::of_entry(&open, name, follow);
+        let by_path = Stamp::of_input(&a).unwrap();
+        assert!(by_path.same(&Stamp::of_output(&a).unwrap()));
+        assert!([("a", true), ("a", false), ("link", true)].iter().all(|&(n, f)| of(n, f).unwrap().same(&by_path)));
+        assert!(of("link", false).is_none() && of("absent", true).is_none() && of(".", true).is_none());
     }
 
     #[test]

@@ -305,7 +305,7 @@ fn of_published_files_is_noticed_by_verify_and_put_back_without_running_anything
         assert_eq!(found.changed.len(), files, "{context}: {found:?}");
         assert!(found.evicted.is_empty() && found.unrepaired.is_empty(), "{context}: {found:?}");
         // Not by the plan, then.
-        let replayed = lodge::run::plan::replay(&ground.cache(), &ground.yard.identity(), false);
+        let replayed = lodge::run::plan::replay(&ground.cache(), &ground.yard.identity());
         assert!(replayed.is_none(), "{context}: trusted");
         let outcome = ground.yard.run();
         assert!(outcome.ok() && Ground::ran(&outcome) == 0, "{context}");

@@ -238,6 +238,7 @@ impl Yard {
         options.out = Some(self.out());
         options.jobs = 2;
         options.plan = Some(self.identity());
+        options.table = |nodes| format!("{} nodes", nodes.len());
         options
     }
 

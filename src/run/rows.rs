@@ -1,0 +1,147 @@
+//! The files that a plan depends on, folder by folder: each with the stamp and digest that it had. Asked for below an open
+//! folder, a stamp costs half of what it does by its whole path.
+
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use nix::libc;
+
+use super::codec::{Reader, Writer};
+use super::stamp::{self, Stamp};
+use crate::digest::Digest;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// A text or input: a link's target counts.
+    Input = 0,
+    /// A published file: a link is a change.
+    Output = 1,
+}
+
+pub struct Row {
+    pub role: Role,
+    pub remote: bool,
+    pub path: PathBuf,
+    pub stamp: Stamp,
+    pub digest: Digest,
+}
+
+impl Row {
+    fn folder(&self) -> (&Path, Role, bool) {
+        (self.path.parent().unwrap_or(Path::new("/")), self.role, self.remote)
+    }
+}
+
+/// The rows as bytes; none where a path is not UTF-8.
+pub fn write(mut rows: Vec<Row>, out: &mut Writer) -> Option<()> {
+    // By the bytes of the paths: comparing them part by part is slow.
+    let key = |row: &Row| (row.folder().0.as_os_str().to_owned(), row.role, row.path.as_os_str().to_owned());
+    rows.sort_by_cached_key(key);
+    rows.dedup_by(|a, b| {
+        (a.role, a.remote, &a.path, a.digest) == (b.role, b.remote, &b.path, b.digest) && a.stamp.same(&b.stamp)
+    });
+    let groups: Vec<&[Row]> = rows.chunk_by(|a, b| a.folder() == b.folder()).collect();
+    out.u32(groups.len() as u32);
+    for group in groups {
+        let (folder, role, remote) = group[0].folder();
+        out.text(folder.to_str()?);
+        out.0.extend([role as u8, remote.into()]);
+        out.u32(group.len() as u32);
+        for row in group {
+            out.text(row.path.file_name()?.to_str()?);
+            row.stamp.write(out);
+            out.digest(&row.digest);
+        }
+    }
+    Some(())
+}
+
+/// A stamp of rows that [`unchanged`] had to bring up to date.
+pub struct Fresh {
+    /// Bytes of the reader that were left behind the old one's start.
+    pub left: usize,
+    pub stamp: Stamp,
+}
+
+/// Looks at every file. None where one is not as it was; else the new stamps of those that were read to be certain.
+pub fn unchanged(from: &mut Reader) -> Option<Vec<Fresh>> {
+    let mut fresh = Vec::new();
+    for _ in 0..from.u32()? {
+        let path = Path::new(from.text()?);
+        let role = if from.u8()? == 0 { Role::Input } else { Role::Output };
+        let remote = from.u8()? != 0;
+        let folder = open_folder(path)?;
+        for _ in 0..from.u32()? {
+            let name = from.text()?;
+            let left = from.left();
+            let (stamp, digest) = (Stamp::read(from)?, from.digest()?);
+            let now = Stamp::of_entry(&folder, name, role == Role::Input)?;
+            if !now.same(&stamp) || !stamp.settled(remote) {
+                // Perhaps only touched.
+                let path = path.join(name);
+                let (stamp, found) = match role {
+                    Role::Input => stamp::hash_input(&path).ok()?,
+                    Role::Output => stamp::hash_output(&path)?,
+                };
+                if found != digest {
+                    return None;
+                }
+                fresh.push(Fresh { left, stamp });
+            }
+        }
+    }
+    Some(fresh)
+}
+
+/// A place to ask below, no more.
+fn open_folder(path: &Path) -> Option<File> {
+    OpenOptions::new().read(true).custom_flags(libc::O_PATH | libc::O_DIRECTORY).open(path).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_row_a_file_and_every_change_shows() {
+        let home = tempfile::tempdir().unwrap();
+        let at = |name: &str| home.path().join(name);
+        std::fs::create_dir(at("sub")).unwrap();
+        let row = |name: &str, role| {
+            let (stamp, digest) = stamp::hash_input(&at(name)).unwrap();
+            Row { role, remote: false, path: at(name), stamp, digest }
+        };
+        let names = ["b", "sub/a", "a"];
+        let all = || {
+            names.iter().for_each(|n| std::fs::write(at(n), n).unwrap());
+            let roles = [Role::Input, Role::Output, Role::Input];
+            let mut out = Writer::default();
+            write(
+                roles.iter().flat_map(|&r| names.iter().map(move |n| (n, r))).map(|(n, r)| row(n, r)).collect(),
+                &mut out,
+            )
+            .unwrap();
+            out.0
+        };
+        let bytes = all();
+        let each = 4 + 49 + 32;
+        assert!(bytes.len() < 7 * each + 4 * (home.path().as_os_str().len() + 20), "a file has one row for each role");
+        let look = |bytes: &[u8]| unchanged(&mut Reader::new(bytes)).map(|f| f.len());
+        assert!(look(&bytes).is_some());
+        for name in names {
+            std::fs::write(at(name), "x").unwrap();
+            assert_eq!(look(&bytes), None, "{name}");
+            all();
+            // Touched.
+            assert!(look(&bytes).is_some_and(|read| read >= 2), "{name}");
+            std::fs::remove_file(at(name)).unwrap();
+            assert_eq!(look(&bytes), None, "{name}");
+            std::os::unix::fs::symlink(at("aside"), at(name)).unwrap();
+            std::fs::write(at("aside"), name).unwrap();
+            assert_eq!(look(&bytes), None, "{name}: as an output a link is a change");
+            std::fs::remove_file(at(name)).unwrap();
+        }
+        assert!((0..bytes.len()).all(|n| look(&bytes[..n]).is_none()));
+    }
+}
