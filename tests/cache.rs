@@ -338,3 +338,49 @@ fn verify_finds_and_mends() {
     assert_eq!(look().changed.len(), 1);
     assert!(yard.run().ok());
 }
+
+/// Everything that is in a key, and nothing else, is in what explains it: of each, one change.
+#[test]
+fn each_line_of_a_key_is_one_that_explains() {
+    use lodge::run::forecast::{Reason, forecast};
+    use lodge::run::store::Store;
+    let home = tempfile::tempdir().unwrap();
+    let yard = Yard::diamond(home.path());
+    yard.ran();
+    let told = |change: &dyn Fn(&mut lodge::graph::Graph)| -> Vec<String> {
+        let mut graph = yard.graph();
+        change(std::sync::Arc::get_mut(&mut graph).unwrap());
+        let all = forecast(&graph, &[], &Store::open(&home.path().join(".lodge")).unwrap());
+        let runs = all.iter().find(|f| !f.changes.is_empty()).expect("something runs");
+        runs.changes.iter().map(|c| Reason::of(c, &graph, runs.index).to_string()).collect()
+    };
+    let newer = |graph: &mut lodge::graph::Graph| {
+        let old = graph.nodes[1].entry;
+        let entry = lodge::op::Entry { version: old.version + 1, ..toy::TOYS[0] };
+        assert_eq!(entry.name, old.name);
+        graph.nodes[1].entry = Box::leak(Box::new(entry));
+    };
+    assert_eq!(told(&newer), ["operator version: 1 -> 2"]);
+    assert_eq!(told(&|g| g.nodes[1].params["add"] = json!({"x": 1})), ["`add.x`: none -> 1", "`add`: 1 -> none"]);
+    assert_eq!(told(&|g| g.nodes[1].params["warn"] = json!("w")), ["`warn`: \"\" -> \"w\""]);
+    let more = told(&|g| g.nodes[3].inputs[0].insert(0, 0));
+    assert_eq!(more[0], "number of inputs of `in.values`: 2 -> 3");
+    assert!(more.len() == 2 && more[1].starts_with("`in.values.0`: result of `read`: none -> "), "{more:?}");
+    let other = told(&|g| g.nodes[4].inputs[0] = vec![2]);
+    assert!(
+        other.len() == 1 && other[0].starts_with("`in.values`: result of `right` in place of `both`: "),
+        "{other:?}"
+    );
+    let beside = told(&|g| {
+        let path = home.path().join("more.txt");
+        fs::write(&path, "4").unwrap();
+        g.nodes[0].files.push(path);
+        g.nodes[0].beside.push(Some("more.txt".into()));
+    });
+    assert!(
+        beside.len() == 1
+            && beside[0]
+                .ends_with(&format!("more.txt`: none -> {}", &lodge::digest::Digest::of(b"4").to_string()[..12])),
+        "{beside:?}"
+    );
+}

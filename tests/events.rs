@@ -42,65 +42,11 @@ in.layer = "hulls"
 path = "hulls.geojson"
 "#;
 
-/// What a JSON Schema of the words that ours uses says against a value; an unknown word is a mistake of the test.
-fn mistakes(schema: &Value, value: &Value, at: &str, out: &mut Vec<String>) {
-    for (word, what) in schema.as_object().unwrap() {
-        let fits = match word.as_str() {
-            "$schema" | "title" | "description" | "format" => true,
-            "type" => {
-                let types: Vec<&str> = what
-                    .as_array()
-                    .map_or_else(|| vec![what], |a| a.iter().collect())
-                    .iter()
-                    .map(|t| t.as_str().unwrap())
-                    .collect();
-                let is = |t: &&str| match *t {
-                    "object" => value.is_object(),
-                    "string" => value.is_string(),
-                    "boolean" => value.is_boolean(),
-                    "integer" => value.is_i64() || value.is_u64(),
-                    "number" => value.is_number(),
-                    "null" => value.is_null(),
-                    other => panic!("type {other}"),
-                };
-                types.iter().any(is)
-            }
-            "minimum" => value.as_f64().is_none_or(|v| v >= what.as_f64().unwrap()),
-            "const" => value == what,
-            "enum" => what.as_array().unwrap().contains(value),
-            "required" => what.as_array().unwrap().iter().all(|k| value.get(k.as_str().unwrap()).is_some()),
-            "additionalProperties" => {
-                assert_eq!(what, false);
-                value.as_object().is_none_or(|v| v.keys().all(|k| schema["properties"].get(k).is_some()))
-            }
-            "properties" => {
-                for (name, of) in what.as_object().unwrap() {
-                    value.get(name).into_iter().for_each(|v| mistakes(of, v, &format!("{at}/{name}"), out));
-                }
-                true
-            }
-            "oneOf" | "anyOf" => {
-                let good = |s: &&Value| {
-                    let mut bad = Vec::new();
-                    mistakes(s, value, at, &mut bad);
-                    bad.is_empty()
-                };
-                let n = what.as_array().unwrap().iter().filter(good).count();
-                if word == "oneOf" { n == 1 } else { n > 0 }
-            }
-            other => panic!("`{other}` in the schema"),
-        };
-        if !fits {
-            out.push(format!("{at}: {word} {what}: {value}"));
-        }
-    }
-}
-
 fn against_schema(value: &Value) -> Vec<String> {
     let path = support::project().join("schemas/events.schema.json");
     let schema: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
     let mut out = Vec::new();
-    mistakes(&schema, value, "", &mut out);
+    support::schema::mistakes(&schema, value, "", &mut out);
     out
 }
 

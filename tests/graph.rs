@@ -360,3 +360,74 @@ fn ten_thousand_nodes_are_read_in_a_moment() {
     assert_eq!(place.good(&[]).nodes.len(), 10_001);
     assert!(start.elapsed().as_secs_f64() < 20.0, "{:?}", start.elapsed());
 }
+
+/// What `extends`, params, axes and ports do to one another.
+#[test]
+fn awkward_meetings() {
+    // A base of a base, each in a folder of its own; its param's path is the base's, an override's the overrider's.
+    let files = [
+        ("p.toml", "extends = \"x/mid.toml\"\n"),
+        ("x/mid.toml", "extends = \"../y/base.toml\"\n[params]\nname = \"b\"\n"),
+        (
+            "y/base.toml",
+            "[params]\ndir = \".\"\nname = \"a\"\n[node.r]\nop = \"read-lines\"\npath = \"${dir}/${name}\"\n",
+        ),
+        ("y/a", ""),
+        ("y/b", ""),
+        ("x/b", ""),
+    ];
+    let place = Place::new(&files);
+    let read = |text: &str, sets: &[&str]| {
+        std::fs::write(place.path("p.toml"), text).unwrap();
+        place.load(sets).map(|g| g.nodes[0].files[0].canonicalize().unwrap())
+    };
+    let is = |name: &str| Ok(place.path(name).canonicalize().unwrap());
+    assert_eq!(read("extends = \"x/mid.toml\"\n", &[]), is("y/b"));
+    assert_eq!(read("extends = \"x/mid.toml\"\nparams.dir = \"x\"\n", &[]), is("x/b"));
+    assert_eq!(read("extends = \"x/mid.toml\"\nparams.name = \"a\"\n", &[]), is("y/a"));
+    // A key that the base has not is added; a param that it has not must be used.
+    assert!(read("extends = \"x/mid.toml\"\nnode.r.pth = 1\n", &[]).unwrap_err().contains("did you mean `path`?"));
+    assert!(read("extends = \"x/mid.toml\"\nparams.nme = \"a\"\n", &[]).unwrap_err().contains("unused-param"));
+    assert!(read("extends = \"x/mid.toml\"\n", &["nme=a"]).unwrap_err().contains("did you mean `name`?"));
+    assert!(read("extends = \"x/mid.toml\"\n", &["node.q.path=a"]).unwrap_err().contains("there is no node `q`"));
+
+    // A node that is removed while another takes it.
+    let wrong = extended("node.tree = false\n").load(&[]).unwrap_err();
+    assert!(wrong.contains("there is no node `tree`"), "{wrong}");
+    // `--set` of an axis, whole and away.
+    let graph = extended("").good(&["node.hulls.matrix.keep=[0.3, 0.4, 0.5]"]);
+    assert_eq!(names(&graph)[2..], ["hulls[keep=0.3]", "hulls[keep=0.4]", "hulls[keep=0.5]"]);
+    assert!(extended("").load(&["node.hulls.matrix.keep=[]"]).unwrap_err().contains("empty-matrix"));
+
+    // An axis keeps its type in a consumer's parameter, and in a text it is one.
+    let graph = variants(
+        "[node.c]\nop = \"cut\"\nin.hulls = \"hulls\"\nmax-error = \"${keep}\"\n[node.w]\nop = \"write-geojson\"\nin.layer = \"c\"\npath = \"k${keep}/${keep}.json\"\n",
+    )
+    .unwrap();
+    let of = |base: &str| graph.nodes.iter().filter(|n| n.base == base).collect::<Vec<_>>();
+    assert_eq!(of("c").iter().map(|n| &n.params["max-error"]).collect::<Vec<_>>(), [0.1, 0.2]);
+    assert_eq!(of("w")[1].output, Some(("k0.2/0.2.json".into(), false)));
+    // Without it in the path two variants publish one file; no axis of that name reaches what a many-port gathers.
+    let one = "[node.w]\nop = \"write-geojson\"\nin.layer = \"hulls\"\npath = \"w.json\"\n";
+    assert!(variants(one).unwrap_err().contains("put `${keep}` in the path"));
+    let many = "[node.w]\nop = \"write-tiles\"\nin.hulls = [\"hulls\"]\npath = \"${keep}\"\n";
+    assert!(variants(many).unwrap_err().contains("names no param and no axis that reaches this node"));
+    // Entries of `variants` meet those of another node by the axes that they share, and only by these.
+    let graph = variants(
+        "[node.a]\nop = \"cut\"\nin.hulls = \"hulls[keep=0.1]\"\nvariants = [{ clusters = 1 }, { clusters = 2 }]\n\
+         [node.b]\nop = \"cut\"\nin.hulls = \"a\"\nin.base-hulls = \"hulls\"\nmax-error = 1\n",
+    )
+    .unwrap();
+    let of_b: Vec<_> = graph.nodes.iter().filter(|n| n.base == "b").map(|n| n.name.as_str()).collect();
+    assert_eq!(
+        of_b,
+        ["b[clusters=1,keep=0.1]", "b[clusters=1,keep=0.2]", "b[clusters=2,keep=0.1]", "b[clusters=2,keep=0.2]"]
+    );
+    // A many-port has all in the order of its list, a variant before the others of its node.
+    let text = "[node.w]\nop = \"write-tiles\"\nin.hulls = [\"hulls[keep=0.2]\", \"c\", \"hulls[keep=0.1]\"]\npath = \"w\"\n[node.c]\nop = \"cut\"\nin.hulls = \"hulls\"\nmatrix.clusters = [1, 2]\n";
+    let graph = variants(text).unwrap();
+    let w = graph.nodes.iter().find(|n| n.base == "w").unwrap();
+    let taken: Vec<_> = w.inputs[0].iter().map(|&i| graph.nodes[i].name.as_str()).collect();
+    let cs = ["c[clusters=1,keep=0.1]", "c[clusters=2,keep=0.1]", "c[clusters=1,keep=0.2]", "c[clusters=2,keep=0.2]"];
+    assert_eq!(taken, [&["hulls[keep=0.2]"][..], &cs, &["hulls[keep=0.1]"]].concat());
+}

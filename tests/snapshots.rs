@@ -96,16 +96,108 @@ fn what_waits_is_listed_with_what_changed() {
     assert!(text.contains("four__plan.snap.new\n"), "{text}");
     assert_eq!(say(&place, &["pending", "four.toml", "roof"]).0, 2);
     assert_eq!(say(&place, &["pending", "none.toml"]).0, 2);
+}
 
-    // A file that cannot be read is named.
-    std::fs::write(place.path("snapshots/four__odd.snap.new"), b"---\n\xff").unwrap();
-    let (code, text) = say(&place, &["pending"]);
-    assert!(code == 1 && text.contains("four__odd.snap.new"), "{code} {text}");
+/// What cannot be read is named, harms nobody, and stands in nobody's way.
+#[cfg(unix)]
+#[test]
+fn hostile_files_among_the_snapshots_stop_nothing() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    let outside = place.write("outside", "mine");
+    let at = |name: &str| place.path("snapshots").join(name);
+    let bad = ["bytes", "folder", "huge", "link", "pipe"].map(|n| at(&format!("four__{n}.snap.new")));
+    let make = || {
+        std::fs::write(&bad[0], b"---\n\xff").unwrap();
+        std::fs::create_dir_all(&bad[1]).unwrap();
+        std::fs::File::create(&bad[2]).unwrap().set_len(1 << 40).unwrap();
+        let _ = std::os::unix::fs::symlink(&outside, &bad[3]);
+        let _ = nix::unistd::mkfifo(&bad[4], nix::sys::stat::Mode::S_IRWXU);
+    };
+    make();
+    let told_json = |args: &[&str]| -> (i32, Value) {
+        let done = place.lodge(&[&["--json"], args].concat());
+        (done.status.code().unwrap(), serde_json::from_slice(&done.stdout).unwrap())
+    };
+    for args in [&["pending"][..], &["pending", "four.toml"]] {
+        let (code, all) = told_json(args);
+        assert_eq!((code, &all["ok"], all["pending"].as_array().unwrap().len()), (1, &json!(false), 3));
+        let named: Vec<&str> =
+            all["diagnostics"].as_array().unwrap().iter().map(|d| d["message"].as_str().unwrap()).collect();
+        assert_eq!(named.len(), 5, "{all}");
+        for (message, word) in
+            named.iter().zip(["UTF-8", "not a regular file", "larger", "a link", "not a regular file"])
+        {
+            assert!(message.contains(word), "{message}: {word}");
+        }
+        let (code, text) = say(&place, args);
+        assert!(
+            code == 1 && text.contains("new: plan (four)") && text.contains("four__pipe.snap.new: it is not"),
+            "{text}"
+        );
+    }
+    let (code, all) = told_json(&["accept"]);
+    assert_eq!(
+        (code, all["accepted"].as_array().unwrap().len(), all["diagnostics"].as_array().unwrap().len()),
+        (1, 3, 5)
+    );
+    assert!(at("four__plan.snap").is_file() && !at("four__link.snap").exists());
+    // Rejected they go, but for the folder.
+    let (code, all) = told_json(&["reject"]);
+    assert_eq!(
+        (code, all["rejected"].as_array().unwrap().len(), all["diagnostics"].as_array().unwrap().len()),
+        (1, 4, 1)
+    );
+    assert_eq!(std::fs::read_to_string(&outside).unwrap(), "mine");
+
+    // In the place of a file that `test` writes, and of one that it reads.
+    place.write("four.geojson", squares(0.0001001));
+    std::os::unix::fs::symlink(&outside, at("four__plan.snap.new")).unwrap();
+    assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    assert_eq!(std::fs::read_to_string(&outside).unwrap(), "mine");
+    assert!(at("four__plan.snap.new").symlink_metadata().unwrap().is_file());
+    std::fs::remove_file(at("four__plan.snap")).unwrap();
+    nix::unistd::mkfifo(&at("four__plan.snap"), nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let (code, text) = say(&place, &["test", "four.toml"]);
+    assert!(code == 1 && text.contains("four__plan.snap: it is not a regular file"), "{code} {text}");
+}
+
+/// Only what was shown is accepted.
+#[cfg(unix)]
+#[test]
+fn a_snapshot_that_changes_during_its_review_stays() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    let file = place.path("snapshots/four__plan.snap.new");
+    let mut change = |n: usize| {
+        if n == 0 {
+            let text = std::fs::read_to_string(&file).unwrap();
+            std::fs::write(&file, text.replace("Footprints\n", "Footprints\nforged: 1\n")).unwrap();
+        }
+    };
+    let Some((code, text)) = at_a_terminal_with(&place, &["review"], "aaa", &mut change) else { return };
+    assert!(code == 3 && text.contains("four__plan.snap.new is another one since it was shown"), "{code} {text}");
+    assert!(text.contains("2 accepted, 0 rejected, 1 left"), "{text}");
+    assert!(!place.path("snapshots/four__plan.snap").exists());
+    let mut gone = |n: usize| drop((n == 0).then(|| std::fs::remove_file(&file)));
+    let (code, text) = at_a_terminal_with(&place, &["review"], "a", &mut gone).unwrap();
+    assert!(code == 3 && text.contains("another one") && text.contains("0 accepted"), "{code} {text}");
 }
 
 /// `lodge review` with a pseudo-terminal: each key is pressed once it is asked for. None where there is no such thing.
 #[cfg(unix)]
 fn at_a_terminal(place: &Place, args: &[&str], keys: &str) -> Option<(i32, String)> {
+    at_a_terminal_with(place, args, keys, &mut |_| ())
+}
+
+/// And something happens before the n-th key.
+#[cfg(unix)]
+fn at_a_terminal_with(
+    place: &Place,
+    args: &[&str],
+    keys: &str,
+    before: &mut dyn FnMut(usize),
+) -> Option<(i32, String)> {
     use std::io::{Read, Write};
 
     let Ok(pty) = nix::pty::openpty(None, None) else {
@@ -118,7 +210,7 @@ fn at_a_terminal(place: &Place, args: &[&str], keys: &str) -> Option<(i32, Strin
     let mut child = command.spawn().unwrap();
     drop((command, pty.slave));
     let mut terminal = std::fs::File::from(pty.master);
-    let (mut text, mut keys, mut seen) = (String::new(), keys.chars(), 0);
+    let (mut text, mut keys, mut seen) = (String::new(), keys.chars().enumerate(), 0);
     let mut bytes = [0; 4096];
     // The end of a terminal without another side is an error.
     while let Ok(n @ 1..) = terminal.read(&mut bytes) {
@@ -126,13 +218,16 @@ fn at_a_terminal(place: &Place, args: &[&str], keys: &str) -> Option<(i32, Strin
         while let Some(asked) = text[seen..].find("q quit: ") {
             seen += asked + 1;
             match keys.next() {
-                Some(key) => write!(terminal, "{key}").unwrap(),
+                Some((n, key)) => {
+                    before(n);
+                    write!(terminal, "{key}").unwrap();
+                }
                 None => child.kill().unwrap(),
             }
         }
     }
     let code = child.wait().unwrap().code();
-    assert_eq!(keys.next(), None, "it did not ask: {text}");
+    assert!(keys.next().is_none(), "it did not ask: {text}");
     Some((code.unwrap_or_else(|| panic!("it asked for more: {text}")), text))
 }
 

@@ -34,14 +34,20 @@ impl Which {
     /// Does something to each of them, and says so.
     pub fn each(&self, globals: &Globals, done: &str, act: fn(&Pending) -> std::io::Result<()>) -> Outcome {
         let all = self.pending()?;
-        let mut paths = Vec::new();
+        let (mut paths, mut wrong) = (Vec::new(), Vec::new());
         for one in &all {
-            act(one).map_err(|e| Diagnostic::error("snapshot", format!("{}: {e}", one.path.display())))?;
+            if let Err(e) = act(one) {
+                wrong.push(unreadable(one, &e.to_string()));
+                continue;
+            }
             let path = one.path.with_extension("");
             if !globals.json && !globals.quiet {
                 super::say(&format!("{done} {}\n", path.display()));
             }
             paths.push(path);
+        }
+        if !wrong.is_empty() {
+            return super::pending::with_trouble(globals, json!({"ok": false, done: paths}), &wrong);
         }
         if globals.json {
             super::print(&json!({"ok": true, done: paths}));
@@ -56,7 +62,7 @@ impl Which {
         let Some(file) = &self.file else {
             let mut out = Vec::new();
             for folder in folders(Path::new(".")) {
-                out.extend(pending(&folder)?);
+                out.extend(snapshot::pending(&folder));
             }
             return Ok(out);
         };
@@ -66,7 +72,7 @@ impl Which {
         }
         let stem = file.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let of_file: Vec<Pending> =
-            pending(&snapshot::folder(file))?.into_iter().filter(|p| p.pipeline == stem).collect();
+            snapshot::pending(&snapshot::folder(file)).into_iter().filter(|p| p.pipeline == stem).collect();
         let unknown = self.nodes.iter().filter(|n| !of_file.iter().any(|p| p.is_of(n)));
         let errors: Vec<_> = unknown
             .map(|n| Diagnostic::error("not-pending", format!("nothing is pending for node `{n}`")).value(n))
@@ -79,8 +85,9 @@ impl Which {
     }
 }
 
-fn pending(folder: &Path) -> Result<Vec<Pending>, Stop> {
-    snapshot::pending(folder).map_err(|e| Diagnostic::error("snapshot", format!("{}: {e}", folder.display())).into())
+pub fn unreadable(one: &Pending, why: &str) -> Box<Diagnostic> {
+    let d = Diagnostic::error("snapshot", format!("{}: {why}", one.path.display()));
+    d.help("the others are done; `lodge reject` or you may remove this one")
 }
 
 /// Every folder `snapshots` below `root`, leaving out hidden ones, `target` and links.

@@ -1,4 +1,5 @@
-//! `lodge diff RUN RUN`: which nodes' results differ between two runs, and what made them: parameters, inputs, files.
+//! `lodge diff RUN RUN`: which nodes' results differ between two runs, what made them (parameters, inputs, files), and in
+//! which numbers of their summaries it shows.
 
 use serde_json::{Value, json};
 
@@ -7,7 +8,9 @@ use super::plan::reason_json;
 use super::run::size;
 use super::{Exit, Globals, Outcome, Stop, runs};
 use crate::diag::{Diagnostic, did_you_mean};
-use crate::run::history::{self, Node, Pair, Run};
+use crate::run::compare::{Pair, compare};
+use crate::run::history::{self, Node, Run};
+use crate::run::key::Change;
 use crate::run::store::Store;
 
 #[derive(clap::Args)]
@@ -36,7 +39,7 @@ impl Args {
             }
             (Err(stop), _) | (_, Err(stop)) => return Err(stop),
         };
-        let pairs = history::compare(&store, &old, &new);
+        let pairs = compare(&store, &old, &new);
         if globals.json {
             let nodes: Vec<Value> = pairs.iter().map(to_json).collect();
             super::print(&json!({"old": runs::to_json(&old), "new": runs::to_json(&new), "nodes": nodes}));
@@ -77,6 +80,14 @@ fn text(pairs: &[Pair], [old, new]: [&Run; 2]) -> String {
             Some(changes) => changes.iter().for_each(|c| out += &format!("  {c}\n")),
             None => out += "  what made it is no longer in the cache\n",
         }
+        let numbers = pair.summary.as_deref().unwrap_or_default();
+        for change in numbers.iter().take(MOST_NUMBERS) {
+            let show = |v: &Option<String>| v.clone().unwrap_or("none".into());
+            out += &format!("    {}: {} -> {}\n", change.name, show(&change.old), show(&change.new));
+        }
+        if numbers.len() > MOST_NUMBERS {
+            out += &format!("    .. and {} more: `--json` has them all\n", numbers.len() - MOST_NUMBERS);
+        }
     }
     let words =
         ["result", "key", "status", "new", "gone", "same"].map(|w| (pairs.iter().filter(|p| p.what() == w).count(), w));
@@ -89,6 +100,9 @@ fn text(pairs: &[Pair], [old, new]: [&Run; 2]) -> String {
     let parts: Vec<String> = words.iter().filter(|p| p.0 > 0).map(word).collect();
     out + &format!("{} -> {}: {}\n", old.name, new.name, parts.join(", "))
 }
+
+/// Lines of a node's summary that a person reads.
+const MOST_NUMBERS: usize = 12;
 
 fn sentence(pair: &Pair) -> String {
     let state = |n: &Node| match (n.digest, &*n.because) {
@@ -115,6 +129,11 @@ fn to_json(pair: &Pair) -> Value {
             "bytes": n.bytes, "because": Some(&n.because).filter(|b| !b.is_empty())})
     };
     let changes = pair.changes.as_ref().map(|all| all.iter().map(reason_json).collect::<Vec<_>>());
+    let number = |v: &Option<String>| v.as_deref().map(|v| serde_json::from_str::<Value>(v).unwrap_or(json!(v)));
+    let summary = pair.summary.as_ref().map(|all| {
+        let one = |c: &Change| json!({"name": c.name, "old": number(&c.old), "new": number(&c.new)});
+        all.iter().map(one).collect::<Vec<_>>()
+    });
     json!({"name": pair.name(), "what": pair.what(), "old": pair.old.map(node), "new": pair.new.map(node),
-        "changes": changes})
+        "changes": changes, "summary": summary})
 }

@@ -17,7 +17,7 @@ pub mod render;
 mod review;
 mod run;
 mod runs;
-mod schema;
+pub mod schema;
 mod show;
 mod test;
 mod why;

@@ -1,11 +1,13 @@
 //! `lodge pending [FILE [NODE..]]`: the snapshots that wait for a word, and how each differs from what it would replace.
 
+use std::io;
+
 use serde_json::{Value, json};
 use similar::{DiffOp, TextDiff};
 
-use super::accept::Which;
-use super::{Exit, Globals, Outcome, Stop};
-use crate::diag::Diagnostic;
+use super::accept::{Which, unreadable};
+use super::{Exit, Globals, Outcome, Stop, render};
+use crate::diag::{Diagnostic, Diagnostics};
 use crate::run::snapshot::{Pending, Snap};
 
 #[derive(clap::Args)]
@@ -16,9 +18,15 @@ pub struct Args {
 
 impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
-        let all = self.which.waiting()?;
+        let (all, wrong) = self.which.waiting()?;
+        let told: Vec<Value> = all.iter().map(Waiting::to_json).collect();
+        if !wrong.is_empty() {
+            if !globals.json {
+                super::say(&all.iter().map(Waiting::to_text).collect::<String>());
+            }
+            return with_trouble(globals, json!({"ok": false, "pending": told}), &wrong);
+        }
         if globals.json {
-            let told: Vec<Value> = all.iter().map(Waiting::to_json).collect();
             super::print(&json!({"ok": all.is_empty(), "pending": told}));
         } else if !all.is_empty() {
             let many = format!("{} waiting; `lodge review`, `lodge accept` and `lodge reject` decide\n", all.len());
@@ -30,16 +38,29 @@ impl Args {
     }
 }
 
+/// What was done to the others, and which could not be read.
+pub fn with_trouble(globals: &Globals, mut told: Value, wrong: &[Box<Diagnostic>]) -> Outcome {
+    if globals.json {
+        told["diagnostics"] = render::all_json(wrong);
+        super::print(&told);
+    } else {
+        eprint!("{}", render::text(wrong, render::Style::for_stderr()));
+    }
+    Ok(Exit::Failed)
+}
+
 impl Which {
-    /// The pending snapshots, read.
-    pub fn waiting(&self) -> Result<Vec<Waiting>, Stop> {
-        let read = |pending: Pending| {
-            let files = pending.proposed().and_then(|new| Ok((pending.old()?, new)));
-            let (old, new) =
-                files.map_err(|e| Diagnostic::error("snapshot", format!("{}: {e}", pending.path.display())))?;
-            Ok(Waiting { pending, old, new })
-        };
-        self.pending()?.into_iter().map(read).collect()
+    /// The pending snapshots, read; and those that cannot be.
+    pub fn waiting(&self) -> Result<(Vec<Waiting>, Diagnostics), Stop> {
+        let (mut all, mut wrong) = (Vec::new(), Vec::new());
+        for pending in self.pending()? {
+            let trouble = pending.trouble.clone().map_or(Ok(()), |t| Err(io::Error::other(t)));
+            match trouble.and_then(|()| Ok((pending.proposed()?, pending.old()?))) {
+                Ok((new, old)) => all.push(Waiting { pending, old, new }),
+                Err(e) => wrong.push(unreadable(&pending, &e.to_string())),
+            }
+        }
+        Ok((all, wrong))
     }
 }
 
@@ -51,6 +72,13 @@ pub struct Waiting {
 }
 
 impl Waiting {
+    /// Neither the file nor what it would replace is another one by now.
+    pub fn is_as_shown(&self) -> bool {
+        let is_link = self.pending.path.symlink_metadata().is_ok_and(|m| m.is_symlink());
+        let now = self.pending.proposed().and_then(|new| Ok((new, self.pending.old()?)));
+        !is_link && now.is_ok_and(|(new, old)| new == self.new && old == self.old)
+    }
+
     pub fn verdict(&self) -> &'static str {
         if self.old.is_some() { "differs" } else { "new" }
     }

@@ -53,14 +53,19 @@ pub fn sentence(graph: &Graph, f: &Forecast) -> String {
     match &f.fate {
         Fate::Cached(_) => String::new(),
         Fate::Fails(error) => format!("and fails: {error}"),
-        Fate::MayRun(input) => format!("`{}` runs first, and its result decides", graph.nodes[*input].name),
-        Fate::Runs if !f.known => "never ran in this cache".to_string(),
-        Fate::Runs if f.changes.is_empty() => "its result is no longer in the cache".to_string(),
-        Fate::Runs => {
-            let reasons: Vec<_> = f.changes.iter().map(|c| Reason::of(c, graph, f.index).to_string()).collect();
-            reasons.join("; ")
+        Fate::MayRun(input) => {
+            let first = format!("`{}` runs first, and its result decides", graph.nodes[*input].name);
+            [vec![first], reasons(graph, f)].concat().join("; ")
         }
+        Fate::Runs if !f.ran => "never ran in this cache".to_string(),
+        Fate::Runs if !f.known => "what it was made of the last time is no longer in the cache".to_string(),
+        Fate::Runs if f.changes.is_empty() => "its result is no longer in the cache".to_string(),
+        Fate::Runs => reasons(graph, f).join("; "),
     }
+}
+
+fn reasons(graph: &Graph, f: &Forecast) -> Vec<String> {
+    f.changes.iter().map(|c| Reason::of(c, graph, f.index).to_string()).collect()
 }
 
 pub fn to_json(graph: &Graph, f: &Forecast) -> Value {
@@ -86,5 +91,9 @@ pub fn reason_json(r: &Reason) -> Value {
     let value = |v: Option<String>| {
         v.map(|v| serde_json::from_str(&v).ok().filter(|_| r.what == "parameter").unwrap_or(json!(v)))
     };
-    json!({"what": r.what, "name": r.name, "node": r.node, "old": value(r.old.clone()), "new": value(r.new.clone())})
+    let mut out = json!({"what": r.what, "name": r.name, "node": r.node, "old": value(r.old.clone()), "new": value(r.new.clone())});
+    if let Some(was) = &r.was {
+        out["was"] = json!(was);
+    }
+    out
 }

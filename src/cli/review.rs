@@ -6,7 +6,7 @@ use console::{Key, Term, style};
 
 use super::accept::Which;
 use super::pending::Waiting;
-use super::{Exit, Globals, Outcome, Stop};
+use super::{Exit, Globals, Outcome, Stop, render};
 use crate::diag::Diagnostic;
 
 #[derive(clap::Args)]
@@ -33,8 +33,11 @@ impl Args {
             let help = "`lodge pending` lists what waits; `lodge accept` and `lodge reject` decide";
             return Err(Stop::usage(Diagnostic::error("no-terminal", message).help(help)));
         }
-        let all = self.which.waiting()?;
-        if all.is_empty() {
+        let (all, wrong) = self.which.waiting()?;
+        if !wrong.is_empty() {
+            super::say(&render::text(&wrong, render::Style::for_stderr()));
+        }
+        if all.is_empty() && wrong.is_empty() {
             super::say("nothing is pending\n");
             return Ok(Exit::Done);
         }
@@ -52,6 +55,11 @@ impl Args {
                     }
                 }
             };
+            if word != Word::Skip && !one.is_as_shown() {
+                let file = one.pending.path.display();
+                super::say(&format!("{file} is another one since it was shown: left as it is; review it again\n"));
+                continue;
+            }
             let done = match word {
                 Word::Accept => one.pending.accept().map(|()| accepted += 1),
                 Word::Reject => one.pending.reject().map(|()| rejected += 1),
@@ -61,7 +69,8 @@ impl Args {
         }
         let left = all.len() - accepted - rejected;
         super::say(&format!("{accepted} accepted, {rejected} rejected, {left} left\n"));
-        Ok(if left == 0 { Exit::Done } else { Exit::Differs })
+        let exit = if left == 0 { Exit::Done } else { Exit::Differs };
+        Ok(if wrong.is_empty() { exit } else { exit.and(Exit::Failed) })
     }
 }
 

@@ -49,14 +49,10 @@ fn schema(registry: &Registry) -> Value {
     let mut entries: Vec<&Entry> = registry.shown().collect();
     entries.sort_by_key(|e| e.name);
     let mut branches: Vec<Value> = entries.iter().map(|e| operator(e)).collect();
-    branches.push(json!({
-        "title": "override",
-        "description": "changes a node of the file that this one extends",
-        "type": "object",
-        "not": {"required": ["op"]},
-        "properties": own_words(),
-    }));
-    branches.push(json!({"description": "false removes a node of the file that this one extends", "enum": [false]}));
+    branches.push(other(&entries));
+    // Not an `enum`: editors show those of all branches.
+    branches.push(json!({"description": "false removes a node of the file that this one extends",
+        "type": "boolean", "not": {"enum": [true]}}));
     json!({
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "lodge pipeline",
@@ -70,6 +66,7 @@ fn schema(registry: &Registry) -> Value {
                 "type": "object",
                 "description": "values that node parameters use as \"${name}\"",
                 "propertyNames": {"pattern": KEBAB},
+                "additionalProperties": true,
             },
             "node": {
                 "type": "object",
@@ -78,6 +75,32 @@ fn schema(registry: &Registry) -> Value {
                 "additionalProperties": {"oneOf": branches},
             },
         },
+    })
+}
+
+/// A node without `op`. One that is being written is such a node, too: so the words are here that an editor should offer.
+fn other(entries: &[&Entry]) -> Value {
+    let mut properties = own_words();
+    let names: Vec<&str> = entries.iter().map(|e| e.name).collect();
+    properties.insert("op".into(), json!({"enum": names, "description": "the operator: `lodge ops` has its manual"}));
+    for (name, shape, doc) in [
+        ("in", "object", "the nodes that it takes, by port"),
+        ("matrix", "object", "lists of values: a variant for each combination"),
+        ("variants", "array", "a variant for each entry"),
+    ] {
+        let mut any = json!({"type": shape, "description": doc});
+        if shape == "object" {
+            any["additionalProperties"] = true.into();
+        }
+        properties.insert(name.into(), any);
+    }
+    json!({
+        "title": "override",
+        "description": "changes a node of the file that this one extends",
+        "type": "object",
+        "not": {"required": ["op"]},
+        "additionalProperties": true,
+        "properties": properties,
     })
 }
 
@@ -91,9 +114,14 @@ fn operator(entry: &Entry) -> Value {
         .map(|(k, p)| (k.clone(), or_reference(json!({"type": "array", "minItems": 1, "items": p}))))
         .collect();
     let mut properties = own_words();
-    properties.insert("op".into(), json!({"enum": [entry.name]}));
+    let doc = schema["description"].as_str().unwrap_or_default();
+    properties.insert("op".into(), json!({"enum": [entry.name], "description": doc}));
     let ports: Map<String, Value> = entry.ports.iter().map(|p| (port_name(p), port(p))).collect();
-    properties.insert("in".into(), json!({"type": "object", "additionalProperties": false, "properties": ports}));
+    properties.insert(
+        "in".into(),
+        json!({"type": "object", "additionalProperties": false, "properties": ports,
+            "description": "the nodes that it takes, by port"}),
+    );
     properties.insert(
         "matrix".into(),
         json!({"type": "object", "additionalProperties": false, "properties": lists,
@@ -102,12 +130,12 @@ fn operator(entry: &Entry) -> Value {
     properties.insert(
         "variants".into(),
         json!({"type": "array", "minItems": 1, "description": "a variant for each entry",
-            "items": {"type": "object", "additionalProperties": false, "properties": params.clone()}}),
+            "items": {"type": "object", "minProperties": 1, "additionalProperties": false, "properties": params.clone()}}),
     );
     properties.extend(params);
     json!({
         "title": entry.name,
-        "description": schema["description"].as_str().unwrap_or_default(),
+        "description": doc,
         "type": "object",
         "required": ["op"],
         "additionalProperties": false,

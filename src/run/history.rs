@@ -2,15 +2,12 @@
 //! One small file a run, `history/<pipeline>-<number>` in the cache, checked by its own checksum, which holds its name. The
 //! last [`KEEP`] of a name stay, and no more than [`MOST`] bytes. A rerun that had nothing to do leaves none.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::codec::{Reader, Writer};
 use super::event::Status;
-use super::forecast::Reason;
-use super::key::{self, Change};
 use super::store::Store;
 use super::{NodeOutcome, Options, Outcome};
 use crate::digest::Digest;
@@ -81,6 +78,11 @@ impl Node {
 impl Run {
     pub fn count(&self, status: Status) -> usize {
         self.nodes.iter().filter(|n| n.status == status).count()
+    }
+
+    /// The node that made a result.
+    pub fn made(&self, digest: Digest) -> Option<String> {
+        Some(self.nodes.iter().find(|n| n.digest == Some(digest))?.name.clone())
     }
 
     fn to_bytes(&self) -> Vec<u8> {
@@ -179,6 +181,12 @@ pub fn load(store: &Store, name: &str) -> Option<Run> {
     Run::of_bytes(&store.get_state(FOLDER, name), name)
 }
 
+/// All runs of pipelines of one name, the newest first; damaged ones are left out.
+pub fn newest(store: &Store, pipeline: &str) -> Vec<Run> {
+    let of = names(store).into_iter().rev().filter(|name| parts(name).is_some_and(|(p, _)| p == pipeline));
+    of.filter_map(|name| load(store, &name)).collect()
+}
+
 /// Pipeline, number and bytes of every file that is called as a run is.
 fn list(store: &Store) -> Vec<(String, u64, u64)> {
     let entries = fs::read_dir(store.state(FOLDER, "")).into_iter().flatten().flatten();
@@ -242,81 +250,6 @@ pub fn note(store: &Store, graph: &Graph, options: &Options, outcome: &Outcome, 
         }
     }
     Ok(())
-}
-
-// ---------------------------------------------------------------------------------------------------- two runs
-
-/// A node of two runs.
-pub struct Pair<'a> {
-    pub old: Option<&'a Node>,
-    pub new: Option<&'a Node>,
-    /// What differs between the keys; none where the cache does not know any more.
-    pub changes: Option<Vec<Reason>>,
-}
-
-impl Pair<'_> {
-    pub fn name(&self) -> &str {
-        self.new.or(self.old).map_or("", |n| &n.name)
-    }
-
-    /// `new`, `gone`, `status` (one of the two has no result), `result`, `key` (another key, the same result), `same`.
-    pub fn what(&self) -> &'static str {
-        let (Some(old), Some(new)) = (self.old, self.new) else {
-            return if self.old.is_none() { "new" } else { "gone" };
-        };
-        match (old.digest, new.digest) {
-            (Some(a), Some(b)) if a != b => "result",
-            (Some(_), Some(_)) if old.key != new.key => "key",
-            (Some(_), Some(_)) => "same",
-            (None, None) if (old.status, &old.because) == (new.status, &new.because) => "same",
-            _ => "status",
-        }
-    }
-}
-
-/// Every node of either run, in the order of the new one, then what only the old one has.
-pub fn compare<'a>(store: &Store, old: &'a Run, new: &'a Run) -> Vec<Pair<'a>> {
-    let by_name = |run: &'a Run| run.nodes.iter().map(|n| (&*n.name, n)).collect::<BTreeMap<_, _>>();
-    let (before, now) = (by_name(old), by_name(new));
-    let both = new.nodes.iter().map(|n| (before.get(&*n.name).copied(), Some(n)));
-    let gone = old.nodes.iter().filter(|n| !now.contains_key(&*n.name)).map(|n| (Some(n), None));
-    let pair = |(a, b): (Option<&'a Node>, Option<&'a Node>)| {
-        let changes = match (a.and_then(|n| n.key), b.and_then(|n| n.key)) {
-            (Some(x), Some(y)) if x != y => store.lookup(&x).zip(store.lookup(&y)).map(|(x, y)| {
-                key::difference(&x.lines, &y.lines).iter().map(|c| reason(c, [old, new], b.or(a))).collect()
-            }),
-            _ => Some(Vec::new()),
-        };
-        Pair { old: a, new: b, changes }
-    };
-    both.chain(gone).map(pair).collect()
-}
-
-/// A change in words, without the graph: an input is the node whose result it was.
-fn reason(change: &Change, [old_run, new_run]: [&Run; 2], node: Option<&Node>) -> Reason {
-    let (old, new) = (change.old.clone(), change.new.clone());
-    let of = |what, name: &str, node| Reason { what, name: name.to_string(), node, old: old.clone(), new: new.clone() };
-    let name = &*change.name;
-    if let Some(n) = name.strip_prefix("file.").or(name.strip_prefix("beside.")) {
-        let path = n.parse::<usize>().ok().and_then(|n| node?.files.get(n));
-        return of("file", path.map_or(name, |p| p), None);
-    }
-    let Some(port) = name.strip_prefix("in.") else {
-        return match name {
-            "op" => of("operator", "op", None),
-            "op-version" => of("version", "operator version", None),
-            _ => of("parameter", name, None),
-        };
-    };
-    let digest = |value: &Option<String>| value.as_deref().and_then(Digest::parse);
-    let made = |run: &Run, value| Some(run.nodes.iter().find(|n| n.digest == Some(value))?.name.clone());
-    match (digest(&new), digest(&old)) {
-        (None, None) => of("inputs", port, None),
-        (now, before) => {
-            let from = now.and_then(|d| made(new_run, d)).or_else(|| made(old_run, before?));
-            of("input", port, from)
-        }
-    }
 }
 
 #[cfg(test)]

@@ -122,27 +122,84 @@ pub fn canonical(value: &Value) -> String {
 }
 
 /// A line that differs: its name, the old value, the new one.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Change {
+    /// Of a file or input that is gone its old number, else the new one.
     pub name: String,
     pub old: Option<String>,
     pub new: Option<String>,
+    /// The file or node that it was before, where that is another one and somebody knows.
+    pub was: Option<String>,
 }
 
-/// What differs between two lists, in the order of the new one, then what the new one lacks.
+/// What differs between two lists, in the order of the new one, then what the new one lacks. Files, and the inputs of
+/// a port that takes many, are compared as lists: one that comes in between is one change.
 pub fn difference(old: &[(String, String)], new: &[(String, String)]) -> Vec<Change> {
     let find =
         |lines: &[(String, String)], name: &str| lines.iter().find(|(n, _)| n == name).map(|(_, value)| value.clone());
     let mut out = Vec::new();
-    for (name, value) in new {
-        let before = find(old, name);
-        if before.as_ref() != Some(value) {
-            out.push(Change { name: name.clone(), old: before, new: Some(value.clone()) });
+    let mut done: Vec<&str> = Vec::new();
+    for (name, value) in new.iter().chain(old.iter().filter(|(name, _)| find(new, name).is_none())) {
+        let change = |old, new| Change { name: name.clone(), old, new, was: None };
+        match series(name) {
+            Some(list) if done.contains(&list) => {}
+            Some(list) => {
+                done.push(list);
+                out.extend(of_lists(list, old, new));
+            }
+            None => match (find(old, name), find(new, name)) {
+                (before, None) => out.push(change(before, None)),
+                (before, _) if before.as_ref() == Some(value) => {}
+                (before, now) => out.push(change(before, now)),
+            },
         }
     }
-    for (name, value) in old {
-        if find(new, name).is_none() {
-            out.push(Change { name: name.clone(), old: Some(value.clone()), new: None });
+    out
+}
+
+/// `in.values` of `in.values.3`, `file` of `file.3` and `beside.3`.
+fn series(name: &str) -> Option<&str> {
+    let (list, number) = name.rsplit_once('.')?;
+    let is =
+        number.bytes().all(|b| b.is_ascii_digit()) && (list.starts_with("in.") || matches!(list, "file" | "beside"));
+    is.then_some(if list == "beside" { "file" } else { list })
+}
+
+fn of_lists(list: &str, old: &[(String, String)], new: &[(String, String)]) -> Vec<Change> {
+    // Of a file its name beside another belongs to it.
+    let entries = |lines: &[(String, String)]| -> Vec<(String, Option<String>)> {
+        let value = |list: &str, n: usize| {
+            lines.iter().find(|(name, _)| *name == format!("{list}.{n}")).map(|(_, value)| value.clone())
+        };
+        let beside = |n| if list == "file" { value("beside", n) } else { None };
+        (0..).map_while(|n| Some((value(list, n)?, beside(n)))).collect()
+    };
+    let (old, new) = (entries(old), entries(new));
+    let mut out = Vec::new();
+    for op in similar::capture_diff_slices(similar::Algorithm::Myers, &old, &new) {
+        if matches!(op, similar::DiffOp::Equal { .. }) {
+            continue;
+        }
+        let (from, to) = (op.old_range(), op.new_range());
+        for k in 0..from.len().max(to.len()) {
+            let (before, now) = (from.clone().nth(k), to.clone().nth(k));
+            let (is, was) = (now.map(|n| &new[n]), before.map(|n| &old[n]));
+            let n = now.or(before).unwrap_or_default();
+            let only_name = is.is_some() && is.map(|e| &e.0) == was.map(|e| &e.0);
+            out.push(match only_name {
+                true => Change {
+                    name: format!("beside.{n}"),
+                    old: was.and_then(|e| e.1.clone()),
+                    new: is.and_then(|e| e.1.clone()),
+                    was: None,
+                },
+                false => Change {
+                    name: format!("{list}.{n}"),
+                    old: was.map(|e| e.0.clone()),
+                    new: is.map(|e| e.0.clone()),
+                    was: None,
+                },
+            });
         }
     }
     out
@@ -191,5 +248,33 @@ mod tests {
             ]
         );
         assert!(difference(&old, &old).is_empty());
+    }
+
+    #[test]
+    fn lists_are_compared_as_lists() {
+        let lines = |all: &[(&str, &str)]| all.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect::<Lines>();
+        let of = |old: &[(&str, &str)], new: &[(&str, &str)]| -> Vec<(String, String, String)> {
+            let word = |v: Option<String>| v.unwrap_or("-".into());
+            let all = difference(&lines(old), &lines(new));
+            all.into_iter().map(|c| (c.name, word(c.old), word(c.new))).collect()
+        };
+        let is = |n: &str, o: &str, v: &str| (n.to_string(), o.to_string(), v.to_string());
+        let two = [("file.0", "a"), ("file.1", "c")];
+        let three = [("file.0", "a"), ("file.1", "b"), ("file.2", "c")];
+        assert_eq!(of(&two, &three), [is("file.1", "-", "b")]);
+        assert_eq!(of(&three, &two), [is("file.1", "b", "-")]);
+        assert_eq!(of(&two, &[("file.0", "x"), ("file.1", "c")]), [is("file.0", "a", "x")]);
+        let many = [("in.v", "2"), ("in.v.0", "a"), ("in.v.1", "b")];
+        let more = [("in.v", "3"), ("in.v.0", "n"), ("in.v.1", "a"), ("in.v.2", "b")];
+        assert_eq!(of(&many, &more), [is("in.v", "2", "3"), is("in.v.0", "-", "n")]);
+        assert_eq!(
+            of(&more, &[]),
+            [is("in.v", "3", "-"), is("in.v.0", "n", "-"), is("in.v.1", "a", "-"), is("in.v.2", "b", "-")]
+        );
+        // A file and its name beside another are one; the name alone is another change.
+        let named = [("file.0", "a"), ("beside.1", "m.mtl"), ("file.1", "m")];
+        assert_eq!(of(&[("file.0", "a")], &named), [is("file.1", "-", "m")]);
+        let renamed = [("file.0", "a"), ("beside.1", "n.mtl"), ("file.1", "m")];
+        assert_eq!(of(&named, &renamed), [is("beside.1", "m.mtl", "n.mtl")]);
     }
 }

@@ -5,6 +5,7 @@
 //! users undone; it is deleted, and another pass makes it again, until nothing is undone.
 
 pub mod codec;
+pub mod compare;
 pub mod event;
 pub mod executor;
 pub mod folder;

@@ -122,18 +122,22 @@ fn pending_of(path: &Path) -> PathBuf {
     path.with_extension("snap.new")
 }
 
+/// None where there is none. A pipe or a device would never end, and no page has so many megabytes.
 fn read(path: &Path) -> io::Result<Option<Snap>> {
-    // Whoever reads from a pipe waits for ever.
-    let is_odd = |m: std::fs::Metadata| !m.is_file() && !m.is_dir();
-    if std::fs::metadata(path).is_ok_and(is_odd) {
+    let meta = match path.metadata() {
+        Err(e) if e.kind() == io::ErrorKind::NotFound && path.symlink_metadata().is_err() => return Ok(None),
+        meta => meta?,
+    };
+    if !meta.is_file() {
         return Err(io::Error::other("it is not a regular file"));
     }
-    match std::fs::read_to_string(path) {
-        Ok(text) => Ok(Some(Snap::parse(&text))),
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(e) => Err(e),
+    if meta.len() > MOST_BYTES {
+        return Err(io::Error::other(format!("it is larger than {} MiB", MOST_BYTES >> 20)));
     }
+    Ok(Some(Snap::parse(&std::fs::read_to_string(path)?)))
 }
+
+const MOST_BYTES: u64 = 64 << 20;
 
 fn write(path: &Path, snap: &Snap, rules: Rules) -> io::Result<()> {
     if rules.read_only {
@@ -176,6 +180,8 @@ pub struct Pending {
     pub pipeline: String,
     /// With its variant.
     pub node: String,
+    /// Why it cannot be read. The others of its folder can.
+    pub trouble: Option<String>,
 }
 
 impl Pending {
@@ -196,6 +202,9 @@ impl Pending {
 
     /// It becomes the snapshot.
     pub fn accept(&self) -> io::Result<()> {
+        if let Some(trouble) = &self.trouble {
+            return Err(io::Error::other(trouble.clone()));
+        }
         std::fs::rename(&self.path, self.path.with_extension(""))
     }
 
@@ -205,20 +214,20 @@ impl Pending {
 }
 
 /// What waits in a `snapshots` folder, by name.
-pub fn pending(folder: &Path) -> io::Result<Vec<Pending>> {
+pub fn pending(folder: &Path) -> Vec<Pending> {
     let mut out = Vec::new();
     for path in entries(folder) {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let Some((pipeline, node)) = name.strip_suffix(".snap.new").and_then(|n| n.split_once("__")) else { continue };
-        let snap = read(&path).map_err(|e| io::Error::new(e.kind(), format!("{name}: {e}")))?;
-        let node = match snap.as_ref().and_then(|s| s.info("node")) {
-            Some(told) => told.to_string(),
-            None => node.to_string(),
-        };
-        out.push(Pending { pipeline: pipeline.to_string(), node, path });
+        let is_link = path.symlink_metadata().is_ok_and(|m| m.is_symlink());
+        let snap = if is_link { Err(io::Error::other("it is a link")) } else { read(&path) };
+        let told = snap.as_ref().ok().and_then(|s| s.as_ref()?.info("node").map(str::to_string));
+        let trouble = snap.err().map(|e| e.to_string());
+        let node = told.unwrap_or_else(|| node.to_string());
+        out.push(Pending { pipeline: pipeline.to_string(), node, path, trouble });
     }
     out.sort_by(|a, b| a.path.cmp(&b.path));
-    Ok(out)
+    out
 }
 
 fn entries(folder: &Path) -> Vec<PathBuf> {
@@ -246,14 +255,14 @@ mod tests {
         for (name, node) in [("t__cut-n-1", "cut[n=1]"), ("t__cut-n-2", "cut[n=2]"), ("t__cutter", "cutter")] {
             std::fs::write(folder.path().join(name).with_extension("snap.new"), snap(node).to_text()).unwrap();
         }
-        let all = pending(folder.path()).unwrap();
+        let all = pending(folder.path());
         let of_cut: Vec<&Pending> = all.iter().filter(|p| p.is_of("cut")).collect();
         assert_eq!(of_cut.iter().map(|p| &p.node[..]).collect::<Vec<_>>(), ["cut[n=1]", "cut[n=2]"]);
         assert!(all.iter().all(|p| p.pipeline == "t"));
         of_cut[0].accept().unwrap();
         of_cut[1].reject().unwrap();
-        assert_eq!(pending(folder.path()).unwrap().len(), 1);
+        assert_eq!(pending(folder.path()).len(), 1);
         assert_eq!(read(&folder.path().join("t__cut-n-1.snap")).unwrap(), Some(snap("cut[n=1]")));
-        assert_eq!(pending(Path::new("/nowhere")).unwrap(), []);
+        assert_eq!(pending(Path::new("/nowhere")), []);
     }
 }
