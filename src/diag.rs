@@ -225,7 +225,8 @@ mod tests {
             "footprint",
             "foot-prints",
         ];
-        for wrong in words {
+        assert_eq!(did_you_mean("", ["a"]), None);
+        for wrong in words.into_iter().filter(|w| !w.is_empty()) {
             for name in words {
                 let most = (wrong.chars().count() / 3).max(1);
                 let plain = |s: &str| s.to_lowercase().replace('_', "-");

@@ -371,6 +371,8 @@ fn each_line_of_a_key_is_one_that_explains() {
         other.len() == 1 && other[0].starts_with("`in.values`: result of `right` in place of `both`: "),
         "{other:?}"
     );
+    let named = told(&|g| g.nodes[0].beside[0] = Some("n".into()));
+    assert!(named.len() == 1 && named[0].ends_with("data.txt`: none -> n"), "{named:?}");
     let beside = told(&|g| {
         let path = home.path().join("more.txt");
         fs::write(&path, "4").unwrap();
