@@ -1,8 +1,8 @@
 //! No text and no `--set` makes the front end panic, hang or overflow its stack: pipelines and broken files, mutated.
 //!
 //! `cargo test` tries 3,000 of them from a fixed seed. The long form, a million:
-//! `LODGE_FUZZ=1000000 cargo test --release --test front_end -- --nocapture` (LODGE_SEED for others). What fails is
-//! written to `target/tmp/front-end-SEED.toml`.
+//! `LODGE_LONG=1 cargo test --release --test front_end -- --nocapture` (LODGE_SEED for others, LODGE_FUZZ for as many). What
+//! fails is written to `target/tmp/front-end-SEED.toml`.
 
 mod toys;
 
@@ -261,7 +261,9 @@ fn texts(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 #[test]
 fn no_text_makes_it_panic() {
     let number = |name: &str| std::env::var(name).ok().map(|n| n.replace('_', "").parse::<u64>().expect("a number"));
-    let (many, seed) = (number("LODGE_FUZZ").unwrap_or(3_000), number("LODGE_SEED").unwrap_or(1));
+    let long = std::env::var("LODGE_LONG").is_ok_and(|v| !["", "0"].contains(&v.as_str()));
+    let many = number("LODGE_FUZZ").unwrap_or(if long { 1_000_000 } else { 3_000 });
+    let seed = number("LODGE_SEED").unwrap_or(1);
     let project = Path::new(env!("CARGO_MANIFEST_DIR"));
     let next = AtomicU64::new(0);
     let (failed, slowest, found) = (Mutex::new(None), Mutex::new((Duration::ZERO, 0)), Mutex::new([0u64; 2]));
