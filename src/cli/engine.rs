@@ -9,7 +9,7 @@ use super::{Exit, Globals, Stop, Target};
 use crate::diag::Diagnostic;
 use crate::graph::Graph;
 use crate::op::NEVER;
-use crate::run::folder::Wait;
+use crate::run::folder::{Wait, is_read_only};
 use crate::run::plan::{Identity, build_id};
 use crate::run::store::Store;
 use crate::run::{self, Options};
@@ -131,7 +131,13 @@ pub fn store(place: &Place) -> Result<Store, Stop> {
 /// The same, when no run is at work in it; those that start wait.
 pub fn store_alone(place: &Place) -> Result<Store, Stop> {
     let wait = &mut Wait { tell: &mut tell_waiting, stop: &NEVER };
-    Store::open_alone(&place.cache, wait).map_err(|error| unusable(place, &error))
+    Store::open_alone(&place.cache, wait).map_err(|error| match is_read_only(&error) {
+        true => {
+            let message = format!("the cache `{}` cannot be written: {error}", place.cache.display());
+            Diagnostic::error("cache", message).into()
+        }
+        false => unusable(place, &error),
+    })
 }
 
 fn tell_waiting(on: i32) {

@@ -90,3 +90,21 @@ pub fn put(store: &Store, run: &LastRun) -> io::Result<()> {
     }
     store.put_state("runs", &name(&run.file), &out.sealed(TAG))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_note_of_one_pipeline_is_not_that_of_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let last = Last { key: Digest::of(b"key"), before: None };
+        let run = LastRun { file: "/a.toml".into(), nodes: [("read".to_string(), last)].into() };
+        put(&store, &run).unwrap();
+        let (a, b) = (name(Path::new("/a.toml")), name(Path::new("/b.toml")));
+        assert_eq!(all(&store), [(a.clone(), run)]);
+        fs::rename(store.state("runs", &a), store.state("runs", &b)).unwrap();
+        assert_eq!(all(&store), []);
+    }
+}

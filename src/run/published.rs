@@ -128,3 +128,30 @@ pub fn write_state<'a>(
     }
     out.sealed(TAG)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_state_of_one_folder_is_not_that_of_another() {
+        let graph = Graph {
+            name: "p".into(),
+            file: "/p.toml".into(),
+            texts: Vec::new(),
+            description: String::new(),
+            nodes: Vec::new(),
+        };
+        let file = Published { path: "a".into(), digest: Digest::of(b"a"), ..Published::default() };
+        // A folder that is not there yet is called as it will be.
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(folder.path(), folder.path().join("link")).unwrap();
+        let out = folder.path().join("link/out");
+        let name = state_name(&graph, &out);
+        fs::create_dir(&out).unwrap();
+        assert_eq!(state_name(&graph, &out), name);
+        let bytes = write_state(&graph, &out, &[("a", &file)].into(), std::iter::empty());
+        assert_eq!(parse(&bytes, &name).unwrap().files.len(), 1);
+        assert!(parse(&bytes, &state_name(&graph, folder.path())).is_none());
+    }
+}

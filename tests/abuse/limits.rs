@@ -149,6 +149,51 @@ fn times_of_inputs_that_are_put_back() {
     assert_eq!(names(&place.lodge_json(&["run", "p.toml"]), "ran"), [""; 0]);
 }
 
+/// Mounted so that nobody can write there, root included.
+#[test]
+fn a_cache_that_became_read_only_is_read_and_says_so() {
+    let place = small();
+    let disk = place.path("disk");
+    fs::create_dir(&disk).unwrap();
+    let mount = |options: &str| {
+        let done = Command::new("mount").args(["-t", "tmpfs", "-o", options, "tmpfs"]).arg(&disk).output();
+        done.is_ok_and(|done| done.status.success())
+    };
+    if !mount("size=16m") {
+        return println!("skipped: this user cannot mount a tmpfs");
+    }
+    struct Mounted(std::path::PathBuf);
+    impl Drop for Mounted {
+        fn drop(&mut self) {
+            let _ = Command::new("umount").arg("-l").arg(&self.0).status();
+        }
+    }
+    let _mounted = Mounted(disk.clone());
+    let cache = disk.join("cache").to_str().unwrap().to_string();
+    let run = |args: &[&str]| place.lodge_json(&[&["run", "p.toml", "--cache", &cache], args].concat());
+    run(&[]);
+    let right = tree(&place.path("out"));
+    assert!(mount("remount,ro"));
+    // What is there is used, what is not is computed and not kept.
+    fs::remove_dir_all(place.path("out")).unwrap();
+    for _ in 0..2 {
+        let all = run(&["--verify"]);
+        assert_eq!(names(&all, "ran"), [""; 0]);
+        assert!(tree(&place.path("out")) == right);
+        let other = run(&["--set", "node.read.height=9"]);
+        assert_eq!(names(&other, "ran"), ["read", "out"]);
+        for run in [all, other] {
+            assert_eq!(run["warnings"].as_array().unwrap().len(), 1, "{run}");
+            assert!(run["warnings"][0].as_str().unwrap().contains("cannot be written"), "{run}");
+        }
+    }
+    let gc = place.lodge(&["cache", "gc", "--cache", &cache]);
+    assert_eq!(gc.status.code(), Some(1), "{gc:?}");
+    assert!(String::from_utf8_lossy(&gc.stderr).contains("cannot be written"), "{gc:?}");
+    assert_eq!(place.lodge(&["cache", "gc", "--dry-run", "--cache", &cache]).status.code(), Some(0));
+    assert_eq!(place.lodge(&["cache", "verify", "--cache", &cache]).status.code(), Some(0));
+}
+
 /// A file larger than the process may write: as on a full disk, where nobody may mount one.
 #[test]
 fn a_limit_on_the_size_of_files_fails_the_node_and_keeps_nothing_bad() {

@@ -84,3 +84,39 @@ impl Store {
         folders.iter().try_for_each(|folder| File::open(folder)?.sync_all())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::folder::object_path;
+    use crate::run::store::SMALL;
+
+    /// Whether the end of the run looks for what was written here.
+    fn waits_for(which: impl Fn(&Path, &Store) -> PathBuf) -> bool {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        store.put(&[vec![1; 10].into()]).unwrap();
+        store.put(&[vec![2; SMALL as usize + 1].into()]).unwrap();
+        store.put_state("runs", "note", b"x").unwrap();
+        let path = which(folder.path(), &store);
+        fs::remove_file(&path).unwrap();
+        fs::create_dir(&path).unwrap();
+        store.sync().is_err()
+    }
+
+    #[test]
+    fn the_end_of_a_run_waits_for_all_that_it_computed() {
+        let large = crate::digest::Digest::of(&vec![2; SMALL as usize + 1]);
+        assert!(waits_for(|root, store| root.join(format!("packs/{:016x}.pack", store.id))));
+        assert!(waits_for(|root, _| object_path(root, &large)));
+        assert!(waits_for(|root, _| root.join("runs/note")));
+        assert!(!waits_for(|root, _| root.join("CACHEDIR.TAG")));
+        // A run without a result waits for nothing.
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        store.put_state("runs", "note", b"x").unwrap();
+        fs::remove_file(folder.path().join("runs/note")).unwrap();
+        fs::create_dir(folder.path().join("runs/note")).unwrap();
+        store.sync().unwrap();
+    }
+}
