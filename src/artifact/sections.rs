@@ -233,6 +233,21 @@ mod tests {
         pub struct Pair { pub a: Vec<u32>, pub b: Vec<bool>, pub c: String }
     }
 
+    /// An input that comes from the cache must give the bytes that it gave from memory.
+    #[test]
+    fn numbers_in_json_come_back_to_the_bit() {
+        let mut random = 1u64;
+        for i in 0..20_000 {
+            random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            let x = if i == 0 { 95.909_839_627_030_69 } else { (random >> 11) as f64 / (1u64 << (random % 60)) as f64 };
+            let mut out = Encoder::new("Number");
+            put_json(&x, "x", &mut out);
+            let bytes = out.to_bytes();
+            let back: f64 = get_json("x", &mut Decoder::new("Number", &bytes).unwrap()).unwrap();
+            assert_eq!(back.to_bits(), x.to_bits(), "{x:?}");
+        }
+    }
+
     #[test]
     fn there_and_back() {
         let pair = Pair { a: vec![1, 2, 3], b: vec![true, false], c: "ä".into() };

@@ -224,8 +224,8 @@ fn of_the_cache_is_noticed_by_verify_and_by_whoever_reads_it() {
     let (mut done, mut said, mut again, mut deaf) = (0, 0, 0, 0);
     while done < times(700) {
         let kind = if random.below(2) == 0 { random.below(2) } else { random.below(kinds.len()) };
-        let damage = Damage::random(&kinds[kind], &mut random);
         ground.reset();
+        let damage = Damage::random(&kinds[kind], &mut random);
         if !damage.inflict() {
             continue; // zeros over zeros, a swap of equals
         }
@@ -291,8 +291,8 @@ fn of_published_files_is_noticed_by_verify_and_put_back_without_running_anything
     let mut random = Random::new("damage to published files");
     let mut done = 0;
     while done < times(300) {
-        let damage = Damage::random(&all, &mut random);
         ground.reset();
+        let damage = Damage::random(&all, &mut random);
         // Stamps as after a run, not as after a copy.
         assert!(ground.yard.run().ok());
         if !damage.inflict() {
@@ -320,6 +320,27 @@ fn of_published_files_is_noticed_by_verify_and_put_back_without_running_anything
 
 fn files_are_files(all: &[PathBuf]) -> bool {
     all.iter().all(|p| fs::symlink_metadata(p).is_ok_and(|m| m.is_file()))
+}
+
+/// Between two others, where a killed run leaves none.
+#[test]
+fn a_frame_that_cannot_be_told_is_said_once() {
+    let ground = Ground::new();
+    let path = files(&ground.cache().join("packs")).into_iter().next().unwrap();
+    let frames = pack::scan(&fs::File::open(&path).unwrap(), 0).unwrap().frames;
+    for frame in frames[..frames.len() - 1].iter().step_by(5) {
+        let damage = Damage::Flip(path.clone(), frame.at as usize - 20, 2);
+        ground.reset();
+        damage.inflict();
+        let found = ground.verify();
+        assert!(found.evicted.iter().any(|line| line.contains("damaged")), "{found:?}");
+        ground.reset();
+        damage.inflict();
+        let outcome = ground.yard.run();
+        assert_eq!(outcome.warnings.iter().filter(|w| w.contains("of results in the cache are damaged")).count(), 1);
+        assert!(outcome.ok() && tree(&ground.yard.out()) == ground.clean);
+        assert!(ground.yard.run().warnings.is_empty());
+    }
 }
 
 /// A record that is whole, of another key; what verify takes for damage, a run takes for a miss.

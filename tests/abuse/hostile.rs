@@ -259,8 +259,8 @@ fn in_place_of_snapshots() {
             remove(&path);
             make(&path);
             for args in [
-                &["test", "p.toml"][..],
-                &["test", "p.toml", "--set", "node.hulls.keep=0.5"],
+                &["test", "p.toml", "--set", "node.hulls.keep=0.5"][..],
+                &["test", "p.toml"],
                 &["pending", "p.toml"],
                 &["accept", "p.toml"],
                 &["test", "p.toml"],
