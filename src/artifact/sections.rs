@@ -243,7 +243,7 @@ mod tests {
             let mut out = Encoder::new("Number");
             put_json(&x, "x", &mut out);
             let bytes = out.to_bytes();
-            let back: f64 = get_json("x", &mut Decoder::new("Number", &bytes).unwrap()).unwrap();
+            let back: f64 = get_json("x", &mut Decoder::new(&bytes, "Number").unwrap()).unwrap();
             assert_eq!(back.to_bits(), x.to_bits(), "{x:?}");
         }
     }
