@@ -54,7 +54,7 @@ crate::inputs! {}
 
 impl Op for ReadMesh {
     const NAME: &'static str = "read-mesh";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = In;
     type Out = Mesh;
     const FACTS: &'static [(&'static str, &'static str)] = &FACTS;

@@ -126,13 +126,21 @@ fn a_run_that_is_killed_while_it_publishes_leaves_nothing_behind() {
     assert!(clean[1].len() > clean[0].len() + 10);
     let mut random = Random::new("kills while publishing");
     let (mut kills, mut early, mut littered) = (0, 0, 0);
-    while kills < times(200) {
+    let mut length = Duration::ZERO;
+    while kills < times(200) || littered == 0 {
+        assert!(kills < times(4000), "no kill came while files were written");
         let out = &outs[random.below(outs.len())];
         let other = random.below(2) == 1;
         run(out, !other);
         let args = args(out, other);
-        let child = lodge(&place, &args.iter().map(String::as_str).collect::<Vec<_>>()).spawn().unwrap();
-        if !strike(&place, child, Duration::from_micros(random.below(25_000) as u64)) {
+        let started = Instant::now();
+        let mut child = lodge(&place, &args.iter().map(String::as_str).collect::<Vec<_>>()).spawn().unwrap();
+        if length.is_zero() {
+            assert!(child.wait().unwrap().success());
+            length = started.elapsed();
+            continue;
+        }
+        if !strike(&place, child, length.mul_f64(random.below(1000) as f64 / 1000.0)) {
             early += 1;
             assert!(early < 400 + times(4000), "the runs end before they are killed");
             continue;
@@ -147,7 +155,6 @@ fn a_run_that_is_killed_while_it_publishes_leaves_nothing_behind() {
     place.lodge_json(&["cache", "verify"]);
     assert!(is_empty(&place.path("cache/tmp")));
     println!("{kills} kills at work, {littered} with files of both runs, {early} runs ended before");
-    assert!(littered > 0, "no kill came while files were written");
 }
 
 /// A file is copied, then renamed, where outputs and cache lie on different devices. The killed run had noted what it
