@@ -34,7 +34,11 @@ impl Digest {
 
 impl fmt::Display for Digest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|b| write!(f, "{b:02x}"))
+        let mut text = [0; 64];
+        for (two, b) in text.chunks_exact_mut(2).zip(self.0) {
+            two.copy_from_slice(&[b >> 4, b & 15].map(|n| b"0123456789abcdef"[n as usize]));
+        }
+        f.write_str(std::str::from_utf8(&text).expect("hexadecimal digits"))
     }
 }
 

@@ -44,7 +44,10 @@ impl Args {
         let outcome = run::run(&graph, &only, &options, &mut |event| teller.hear(event));
         eprint!("{}", render::text(&outcome.diagnostics(), render::Style::for_stderr()));
         tell(&graph.name, &outcome, globals);
-        Ok(exit(&outcome))
+        let exit = exit(&outcome);
+        // The process ends: of ten thousand nodes there is much to free, piece by piece.
+        std::mem::forget((graph, outcome));
+        Ok(exit)
     }
 }
 

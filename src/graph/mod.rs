@@ -16,6 +16,7 @@ use crate::diag::{Diagnostic, Diagnostics, SourceFile, Span, did_you_mean};
 use crate::op::{AnyOp, Entry, Registry};
 use crate::spec::Spec;
 
+pub use crate::spec::bare;
 pub use files::expand;
 pub use schema::{required, wanted};
 pub use wires::{kinds, port_name};

@@ -12,6 +12,7 @@ use std::time::Duration;
 use nix::libc;
 
 use super::lock::{Claim, Guard, Locks};
+use super::store::PIECE;
 use crate::digest::Digest;
 
 pub fn object_path(root: &Path, digest: &Digest) -> PathBuf {
@@ -23,6 +24,23 @@ pub fn object_path(root: &Path, digest: &Digest) -> PathBuf {
 pub fn open(path: &Path) -> io::Result<File> {
     let file = OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)?;
     if file.metadata()?.is_file() { Ok(file) } else { Err(io::Error::other("it is not a regular file")) }
+}
+
+/// A large object's bytes, if they are its own.
+pub fn read_large(path: &Path, digest: &Digest) -> Option<Vec<u8>> {
+    let file = open(path).ok()?;
+    let bytes = file.metadata().ok()?.len();
+    let mut out = Vec::new();
+    out.try_reserve_exact(usize::try_from(bytes).ok()?).ok()?;
+    let mut hash = blake3::Hasher::new();
+    loop {
+        let start = out.len();
+        if (&file).take(PIECE as u64).read_to_end(&mut out).ok()? == 0 {
+            break;
+        }
+        hash.update(&out[start..]);
+    }
+    (hash.finalize().as_bytes() == &digest.0).then_some(out)
 }
 
 /// The bytes of a file that lodge keeps for itself; what is larger than any of these is an error.

@@ -12,6 +12,7 @@ pub mod folder;
 pub mod forecast;
 pub mod gc;
 pub mod history;
+mod index;
 pub mod key;
 pub mod last;
 pub mod lock;

@@ -88,7 +88,8 @@ pub fn compile(
             return Ok(()); // edited meanwhile
         }
         let (stamp, remote) = (stamp.on(store.grain()), remotes.is_remote(&text.path, &stamp));
-        rows.push(Row { role: Role::Input, remote, path: text.path.clone(), stamp, digest });
+        let Some(digest) = rows::of_text(&text.text) else { return Ok(()) };
+        rows.push(Row { role: Role::Text, remote, path: text.path.clone(), stamp, digest });
     }
     for file in outcome.nodes.iter().flat_map(|n| &n.files) {
         let (path, stamp, digest) = (file.path.clone(), file.stamp, file.digest);

@@ -10,13 +10,44 @@ use nix::libc;
 use super::codec::{Reader, Writer};
 use super::stamp::{self, Stamp};
 use crate::digest::Digest;
+use crate::graph::bare;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// A text or input: a link's target counts.
+    /// A link's target counts.
     Input = 0,
     /// A published file: a link is a change.
     Output = 1,
+    /// The text of a pipeline, as an input; its digest is that of [`bare`] text.
+    Text = 2,
+}
+
+impl Role {
+    fn of(number: u8) -> Option<Self> {
+        [Self::Input, Self::Output, Self::Text].into_iter().find(|&r| r as u8 == number)
+    }
+
+    /// The stamp of a file, and the digest of what counts in it.
+    fn read(self, path: &Path) -> Option<(Stamp, Digest)> {
+        match self {
+            Self::Input => stamp::hash_input(path).ok(),
+            Self::Output => stamp::hash_output(path),
+            Self::Text => {
+                let before = Stamp::of_input(path).ok().filter(|s| s.size <= LARGEST_TEXT)?;
+                let text = std::fs::read_to_string(path).ok()?;
+                let same = Stamp::of_input(path).is_ok_and(|s| s.same(&before));
+                same.then_some((before, of_text(&text)?))
+            }
+        }
+    }
+}
+
+/// Larger ones are parsed again after every change.
+const LARGEST_TEXT: u64 = 1 << 24;
+
+/// What a row of [`Role::Text`] has for its digest.
+pub fn of_text(text: &str) -> Option<Digest> {
+    Some(Digest::of(bare(text)?.as_bytes()))
 }
 
 pub struct Row {
@@ -69,21 +100,18 @@ pub fn unchanged(from: &mut Reader) -> Option<Vec<Fresh>> {
     let mut fresh = Vec::new();
     for _ in 0..from.u32()? {
         let path = Path::new(from.text()?);
-        let role = if from.u8()? == 0 { Role::Input } else { Role::Output };
+        let role = Role::of(from.u8()?)?;
         let remote = from.u8()? != 0;
         let folder = open_folder(path)?;
         for _ in 0..from.u32()? {
             let name = from.text()?;
             let left = from.left();
             let (stamp, digest) = (Stamp::read(from)?, from.digest()?);
-            let now = Stamp::of_entry(&folder, name, role == Role::Input)?;
+            let now = Stamp::of_entry(&folder, name, role != Role::Output)?;
             if !now.same(&stamp) || !stamp.settled(remote) {
-                // Perhaps only touched.
+                // Perhaps only touched, or a comment is another.
                 let path = path.join(name);
-                let (stamp, found) = match role {
-                    Role::Input => stamp::hash_input(&path).ok()?,
-                    Role::Output => stamp::hash_output(&path)?,
-                };
+                let (stamp, found) = role.read(&path)?;
                 if found != digest {
                     return None;
                 }
@@ -143,5 +171,26 @@ mod tests {
             std::fs::remove_file(at(name)).unwrap();
         }
         assert!((0..bytes.len()).all(|n| look(&bytes[..n]).is_none()));
+    }
+
+    #[test]
+    fn of_a_text_comments_do_not_count() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("p.toml");
+        std::fs::write(&path, "a = \"# 1\" # x\n").unwrap();
+        let (stamp, digest) = Role::Text.read(&path).unwrap();
+        let mut out = Writer::default();
+        write(vec![Row { role: Role::Text, remote: false, path: path.clone(), stamp, digest }], &mut out).unwrap();
+        for (text, fine) in [
+            ("# y\n\n  a = \"# 1\"\t\r\n", true),
+            ("a = \"# 2\" # x\n", false),
+            ("a = \"# 1\" # \u{1}\n", false),
+            ("a = \"# 1\" x\n", false),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            assert_eq!(unchanged(&mut Reader::new(&out.0)).is_some_and(|f| f.len() == 1), fine, "{text}");
+        }
+        std::fs::write(&path, b"a = \"# 1\" # \xff\n").unwrap();
+        assert!(unchanged(&mut Reader::new(&out.0)).is_none());
     }
 }

@@ -85,6 +85,11 @@ impl Stamp {
         })
     }
 
+    /// Of a folder: another one when a name in it is.
+    pub fn of_folder(path: &Path) -> io::Result<Self> {
+        Ok(Self::of_meta(&fs::metadata(path)?))
+    }
+
     /// Of an open file.
     pub fn of_file(file: &File) -> io::Result<Self> {
         Ok(Self::of_meta(&file.metadata()?))

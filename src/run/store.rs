@@ -17,7 +17,6 @@
 mod upkeep;
 
 use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
@@ -25,7 +24,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use super::folder::{Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_state};
+use super::folder::{Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_large, read_state};
+use super::index::{Index, Pack};
 use super::lock::{Claim, Guard, Locks};
 use super::pack::{self, Appender, Frame, What};
 use super::record::Record;
@@ -55,28 +55,6 @@ pub struct Store {
     /// Files of this run that [`Store::sync`] waits for.
     fresh: Mutex<Vec<PathBuf>>,
     grain: OnceLock<Option<u64>>,
-}
-
-#[derive(Default)]
-struct Index {
-    packs: Vec<Pack>,
-    objects: BTreeMap<Digest, (usize, Frame)>,
-    results: BTreeMap<Digest, (usize, Frame)>,
-    /// Results that must be made again: a blob of theirs is lost.
-    dropped: BTreeSet<Digest>,
-    /// Objects that turned out damaged or missing.
-    damaged: BTreeSet<Digest>,
-    /// One sentence for each.
-    troubles: Vec<String>,
-}
-
-struct Pack {
-    file: Arc<File>,
-    path: PathBuf,
-    scanned: u64,
-    /// Damaged bytes among what was scanned.
-    lost: u64,
-    own: bool,
 }
 
 impl Store {
@@ -213,32 +191,9 @@ impl Store {
 
     /// Reads what other processes have added.
     pub fn refresh(&self) -> io::Result<()> {
-        let mut index = self.index.lock().unwrap();
-        let mut paths: Vec<PathBuf> = match fs::read_dir(self.root.join("packs")) {
-            Ok(entries) => entries.filter_map(|e| Some(e.ok()?.path())).collect(),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
-            Err(e) => return Err(e),
-        };
-        paths.retain(|p| p.extension().is_some_and(|e| e == "pack") && !index.packs.iter().any(|k| k.path == *p));
-        paths.sort();
-        for path in paths {
-            if let Ok(file) = open(&path) {
-                index.packs.push(Pack { file: Arc::new(file), path, scanned: 0, lost: 0, own: false });
-            }
-        }
-        for i in 0..index.packs.len() {
-            let pack = &index.packs[i];
-            if pack.own || pack.file.metadata().map_or(0, |m| m.len()) <= pack.scanned {
-                continue;
-            }
-            let Ok(scan) = pack::scan(&pack.file, pack.scanned) else { continue };
-            index.packs[i].scanned = scan.end;
-            index.packs[i].lost += scan.lost;
-            for frame in scan.frames {
-                index.add(i, frame);
-            }
-        }
-        Ok(())
+        let grain = self.grain.get().copied().flatten();
+        let lives = |id| self.locks.is_none() || self.is_alive(id);
+        self.index.lock().unwrap().refresh(&self.root.join("packs"), grain, lives)
     }
 
     /// The whole and undamaged result of `key`.
@@ -311,29 +266,28 @@ impl Store {
 
     /// The bytes of an object. None if it is missing or damaged; then it is deleted, and remembered as lost.
     pub fn get(&self, digest: &Digest) -> Option<Vec<u8>> {
-        // Room at once: growing would hold a large object twice.
-        let large = |p: &PathBuf| Some(fs::symlink_metadata(p).ok()?.len() as usize);
+        let small = self.packed(digest).and_then(|(file, frame)| pack::read(&file, &frame).ok());
+        if let Some(bytes) = small.filter(|bytes| Digest::of(bytes) == *digest) {
+            return Some(bytes);
+        }
+        // Into its place at once, hashed while it is in the processor's cache. Whatever is wrong, `read` says it.
+        if let Some(bytes) = self.places(digest).iter().find_map(|path| read_large(path, digest)) {
+            return Some(bytes);
+        }
         let mut out = Vec::new();
-        self.read(digest, &mut |piece| {
-            if out.is_empty() {
-                out.reserve_exact(self.places(digest).iter().find_map(large).unwrap_or(0).max(piece.len()));
-            }
-            out.extend_from_slice(piece);
-            Ok(())
-        })
-        .ok()
-        .flatten()?;
+        self.read(digest, &mut |piece| Ok(out.extend_from_slice(piece))).ok().flatten()?;
         Some(out)
+    }
+
+    fn packed(&self, digest: &Digest) -> Option<(Arc<File>, Frame)> {
+        let index = self.index.lock().unwrap();
+        index.objects.get(digest).map(|&(pack, frame)| (index.packs[pack].file.clone(), frame))
     }
 
     /// Gives an object in pieces and its size at the end; none if what was given is not to be used, because the
     /// object is missing or damaged. Errors are the sink's.
     pub fn read(&self, digest: &Digest, sink: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<Option<u64>> {
-        let small = {
-            let index = self.index.lock().unwrap();
-            index.objects.get(digest).map(|&(pack, frame)| (index.packs[pack].file.clone(), frame))
-        };
-        if let Some((file, frame)) = small {
+        if let Some((file, frame)) = self.packed(digest) {
             match pack::read(&file, &frame) {
                 Ok(bytes) if Digest::of(&bytes) == *digest => {
                     sink(&bytes)?;
@@ -403,7 +357,7 @@ impl Store {
             let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path)?;
             let reader = Arc::new(file.try_clone()?);
             self.fresh.lock().unwrap().push(path.clone());
-            self.index.lock().unwrap().packs.push(Pack { file: reader, path, scanned: 0, lost: 0, own: true });
+            self.index.lock().unwrap().packs.push(Pack::new(reader, path, true));
             *own = Some(Appender::new(file));
         }
         let frame = own.as_mut().expect("made above").append(what, name, body)?;
@@ -423,16 +377,6 @@ impl Drop for Store {
 impl crate::op::Blobs for Store {
     fn put(&self, bytes: &[u8]) -> io::Result<Blob> {
         Store::put(self, &[Cow::Borrowed(bytes)])
-    }
-}
-
-impl Index {
-    fn add(&mut self, pack: usize, frame: Frame) {
-        let map = match frame.what {
-            What::Object => &mut self.objects,
-            What::Result => &mut self.results,
-        };
-        map.insert(frame.name, (pack, frame));
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Knows the shape of a pipeline file (params, nodes), not what operators there are: that is `graph`.
 
+mod bare;
 mod interpolate;
 mod sets;
 mod text;
@@ -12,6 +13,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+pub use bare::bare;
 pub use interpolate::Scope;
 pub use sets::Override;
 pub use value::{Data, Key, Table, Val};
@@ -208,7 +210,15 @@ impl Layer {
                 wrong.push(d.value(op.written()).help("write `[node.its-name]` above it"));
             }
             Some(Val { data: Data::Table(nodes), .. }) => {
-                nodes.0.into_iter().for_each(|(key, node)| self.add_node(key, node, wrong));
+                // Names of one file differ: only those that files below wrote are looked for.
+                let known: BTreeSet<String> = self.nodes.iter().map(|(k, _)| k.name.clone()).collect();
+                for (key, node) in nodes.0 {
+                    if known.contains(&key.name) || matches!(node.data, Data::Bool(false)) {
+                        self.add_node(key, node, wrong);
+                    } else {
+                        self.nodes.0.push((key, node));
+                    }
+                }
             }
             Some(v) => wrong.push(wrong_shape("node", "a table of nodes, each under `[node.its-name]`", &v)),
         }
