@@ -73,6 +73,11 @@ impl<'a> Paint<'a> {
         if uvs.is_empty() { None } else { Some(self.mesh.triangles[triangle].map(|v| uvs[v as usize])) }
     }
 
+    /// Whether anything is drawn there: quick where alpha does not matter.
+    pub fn shows(&self, triangle: usize, weights: [f64; 3], level: usize) -> bool {
+        self.material(triangle).alpha == Alpha::Opaque || self.at(triangle, weights, level).is_some()
+    }
+
     /// Light and alpha where the corners have these weights; none where nothing is drawn. What is drawn is whole: alpha
     /// decides, at one half where it would be mixed.
     pub fn at(&self, triangle: usize, weights: [f64; 3], level: usize) -> Option<[f32; 3]> {

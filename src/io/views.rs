@@ -58,68 +58,93 @@ fn axes(eye: [f64; 3], up: [f64; 3]) -> [[f64; 3]; 3] {
     [right, cross(eye, right), eye]
 }
 
+impl View {
+    /// Where a point is on the picture, in parts of a pixel, and how near, in metres.
+    pub fn place(&self, p: [f64; 3]) -> ([i64; 2], f64) {
+        let middle = f64::from(SIDE) / 2.0;
+        let [x, y, z] = self.axes.map(|a| dot(a, sub(p, self.middle)));
+        let part = |v: f64| (v * PARTS as f64).round() as i64;
+        let scale = middle / self.half;
+        ([part(middle + x * scale), part(middle - y * scale)], z)
+    }
+}
+
+/// What a camera sees at a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    pub triangle: usize,
+    /// Of its corners.
+    pub weights: [f64; 3],
+    /// Of the copies of its picture.
+    pub level: usize,
+}
+
 /// What a camera sees of a mesh. `shaded`: darker where the surface turns away.
 pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
     let mut out = blank();
-    draw_with(mesh, paint, view, |i, light, shade| {
-        out.pixels[i] = pixel(if shaded { light.map(|l| l * shade) } else { light });
-    });
+    for (pixel, hit) in out.pixels.iter_mut().zip(hits(mesh, paint, view)) {
+        let Some(hit) = hit else { continue };
+        let light = hit.light(paint);
+        *pixel = on_screen(if shaded { light.map(|l| l * hit.shade(paint, view)) } else { light });
+    }
     out
 }
 
 /// The same without shades and with them, at the cost of one.
 fn draw_both(mesh: &Mesh, paint: &Paint, view: &View) -> (Seen, Seen) {
     let (mut plain, mut shaded) = (blank(), blank());
-    draw_with(mesh, paint, view, |i, light, shade| {
-        plain.pixels[i] = pixel(light);
-        shaded.pixels[i] = pixel(light.map(|l| l * shade));
-    });
+    for (i, hit) in hits(mesh, paint, view).into_iter().enumerate() {
+        let Some(hit) = hit else { continue };
+        let (light, shade) = (hit.light(paint), hit.shade(paint, view));
+        plain.pixels[i] = on_screen(light);
+        shaded.pixels[i] = on_screen(light.map(|l| l * shade));
+    }
     (plain, shaded)
+}
+
+impl Hit {
+    pub fn light(&self, paint: &Paint) -> [f32; 3] {
+        paint.at(self.triangle, self.weights, self.level).unwrap_or_default()
+    }
+
+    fn shade(&self, paint: &Paint, view: &View) -> f32 {
+        0.3 + 0.7 * dot(paint.face_normal(self.triangle), view.axes[2]).abs() as f32
+    }
 }
 
 fn blank() -> Seen {
     Seen { pixels: vec![[0; 4]; (SIDE * SIDE) as usize] }
 }
 
-fn pixel(light: [f32; 3]) -> [u8; 4] {
+fn on_screen(light: [f32; 3]) -> [u8; 4] {
     let [r, g, b] = light.map(screen);
     [r, g, b, 255]
 }
 
-/// Calls `put` with a pixel, its light and its shade, later calls in front of earlier ones.
-fn draw_with(mesh: &Mesh, paint: &Paint, view: &View, mut put: impl FnMut(usize, [f32; 3], f32)) {
-    let scale = f64::from(SIDE) / 2.0 / view.half;
-    let middle = f64::from(SIDE) / 2.0;
-    // In parts of a pixel, and how near.
-    let place = |p: &[f64; 3]| {
-        let d = sub(*p, view.middle);
-        let [x, y, z] = view.axes.map(|a| dot(a, d) * scale);
-        let part = |v: f64| (v * PARTS as f64).round() as i64;
-        ([part(middle + x), part(middle - y)], z)
-    };
-    let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(place).collect();
+/// What a camera sees at each pixel, rows from the top.
+pub fn hits(mesh: &Mesh, paint: &Paint, view: &View) -> Vec<Option<Hit>> {
+    let mut out = vec![None; (SIDE * SIDE) as usize];
+    let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(|&p| view.place(p)).collect();
     let mut depth = vec![f64::NEG_INFINITY; (SIDE * SIDE) as usize];
-    for (t, corners) in mesh.triangles.iter().enumerate() {
+    for (triangle, corners) in mesh.triangles.iter().enumerate() {
         let corners = corners.map(|v| placed[v as usize]);
         let flat = corners.map(|c| c.0);
         let area = raster::doubled_area(&flat);
         // Counter-clockwise from outside is counter-clockwise on the picture: y is down there.
-        if area == 0 || area > 0 && !paint.material(t).double_sided {
+        if area == 0 || area > 0 && !paint.material(triangle).double_sided {
             continue;
         }
-        let level = paint.level(t, area.abs() as f64 / (2 * PARTS * PARTS) as f64);
-        let shade = 0.3 + 0.7 * dot(paint.face_normal(t), view.axes[2]).abs() as f32;
-        raster::cover(&flat, [SIDE; 2], |x, y, w| {
+        let level = paint.level(triangle, area.abs() as f64 / (2 * PARTS * PARTS) as f64);
+        raster::cover(&flat, [SIDE; 2], |x, y, weights| {
             let i = (y * SIDE + x) as usize;
-            let z = w[0] * corners[0].1 + w[1] * corners[1].1 + w[2] * corners[2].1;
-            if z > depth[i]
-                && let Some(light) = paint.at(t, w, level)
-            {
-                depth[i] = z;
-                put(i, light, shade);
+            let near = weights[0] * corners[0].1 + weights[1] * corners[1].1 + weights[2] * corners[2].1;
+            if near > depth[i] && paint.shows(triangle, weights, level) {
+                depth[i] = near;
+                out[i] = Some(Hit { triangle, weights, level });
             }
         });
     }
+    out
 }
 
 /// What all 14 cameras see.

@@ -1,8 +1,9 @@
 //! A canvas in a tile's plane: what a camera that looks along its normal sees of the surface within its reach.
 
+use super::holes::Patch;
 use super::planes::Scene;
 use crate::geom::raster::{self, PARTS};
-use crate::geom::space::{Vec3, cross, dot, unit};
+use crate::geom::space::{Vec3, cross, dot, sub, unit};
 use crate::io::picture::screen;
 
 /// Surfaces that turn away more than that smear: only a tile that they face most draws them.
@@ -45,6 +46,15 @@ impl Window {
         let [x, y] = self.place(p).map(f64::floor);
         let within = x >= 0.0 && y >= 0.0 && x < f64::from(self.size[0]) && y < f64::from(self.size[1]);
         within.then(|| y as usize * self.size[0] as usize + x as usize)
+    }
+
+    /// The texels along a line.
+    fn line(&self, from: Vec3, to: Vec3) -> impl Iterator<Item = usize> {
+        let along = sub(to, from);
+        // Two places a texel.
+        let steps = (2.0 * dot(along, along).sqrt() / self.texel).ceil().max(1.0);
+        let place = move |s: u32| [0, 1, 2].map(|k| from[k] + f64::from(s) / steps * along[k]);
+        (0..=steps as u32).filter_map(move |s| self.texel_at(place(s)))
     }
 
     /// Corners, counter-clockwise from outside, from the lower left.
@@ -90,14 +100,15 @@ struct Fragment {
     texel: Texel,
 }
 
-/// Around all that a tile reaches; no texels where that is nothing.
-pub fn around(scene: &Scene, k: usize, texel: f64) -> Window {
+/// Around all that a tile reaches, and its patches; no texels where that is nothing.
+pub fn around(scene: &Scene, k: usize, texel: f64, patches: &[Patch]) -> Window {
     let axes = axes(scene.planes.normal(k));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mesh = scene.mesh;
-    for &v in scene.reached.triangles[k].iter().flat_map(|&t| &mesh.triangles[t as usize]) {
+    let reached = scene.reached.triangles[k].iter().flat_map(|&t| mesh.corners(t as usize));
+    for p in reached.chain(patches.iter().map(|patch| patch.to)) {
         for a in 0..2 {
-            let c = dot(axes[a], mesh.positions[v as usize]);
+            let c = dot(axes[a], p);
             (low[a], high[a]) = (low[a].min(c), high[a].max(c));
         }
     }
@@ -105,8 +116,8 @@ pub fn around(scene: &Scene, k: usize, texel: f64) -> Window {
     Window { axes, corner: [low[0], high[1], scene.planes.offset(k)], texel, size }
 }
 
-/// Draws tile k: its own texels, and what closes seams around them.
-pub fn draw(scene: &Scene, k: usize, window: &Window) -> Vec<Option<Texel>> {
+/// Draws tile k: its own texels, what closes seams around them, and patches.
+pub fn draw(scene: &Scene, k: usize, window: &Window, patches: &[Patch]) -> Vec<Option<Texel>> {
     let Scene { mesh, paint, planes, reached } = scene;
     let ([right, up, normal], [left, top, offset], size) = (window.axes, window.corner, window.size);
     // (1) Every fragment; a tile's own go before others, then what is nearer to the eye.
@@ -165,7 +176,21 @@ pub fn draw(scene: &Scene, k: usize, window: &Window) -> Vec<Option<Texel>> {
         next.iter().for_each(|&i| kept[i] = true);
         edge = next;
     }
-    drawn.iter().zip(kept).map(|(d, kept)| d.filter(|_| kept).map(|d| d.texel)).collect()
+    let shown = |(d, kept): (&Option<Fragment>, bool)| d.filter(|_| kept).map(|d| d.texel);
+    let mut out: Vec<Option<Texel>> = drawn.iter().zip(kept).map(shown).collect();
+
+    // (3) Patches, where nothing is yet.
+    for patch in patches {
+        let texel = Texel {
+            colour: patch.light.map(screen),
+            normal: window.axes.map(|a| dot(a, patch.normal) as f32),
+            two_sided: patch.two_sided,
+        };
+        for i in window.line(patch.from, patch.to) {
+            out[i] = out[i].or(drawn[i].map(|d| d.texel)).or(Some(texel));
+        }
+    }
+    out
 }
 
 /// Up to eight texels around one.

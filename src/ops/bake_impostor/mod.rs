@@ -4,7 +4,8 @@
 //! Out:    quads, one or more a tile, in one atlas of colour and coverage. A surface point is drawn where a plane within
 //!         the tiles' reach faces its smooth normal (of a two-sided material either side); of several planes by the one
 //!         that it faces most, then the nearest, then the first; along seams one texel of overlap, and up to two cells of
-//!         what lies behind the neighbour's plane: seams close, nothing sticks out. What is nearest to the eye wins.
+//!         what lies behind the neighbour's plane: seams close, nothing sticks out; what 36 eyes still see through is
+//!         closed (`holes`). What is nearest to the eye wins.
 //!         Each connected piece of a tile gets the smallest rectangle around it, turned where that saves 15 %; pieces are
 //!         joined where their rectangle with its surroundings grows by less than 20 %; below four texels they are
 //!         dropped. A quad is seen from both sides if most of what it shows is (a mesh without materials is). Around each
@@ -24,6 +25,7 @@
 
 mod atlas;
 mod canvas;
+mod holes;
 mod pieces;
 mod planes;
 
@@ -35,7 +37,8 @@ use crate::diag::{Diagnostic, Result};
 use crate::io::paint::Paint;
 use crate::io::views;
 use crate::op::{Ctx, Op};
-use atlas::{Atlas, pack};
+use atlas::{Atlas, Packed, pack};
+use holes::Patch;
 use pieces::Piece;
 use planes::{Planes, Reached, Scene};
 
@@ -62,7 +65,7 @@ crate::inputs! {
 
 impl Op for BakeImpostor {
     const NAME: &'static str = "bake-impostor";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = In;
     type Out = Impostors;
 
@@ -100,26 +103,12 @@ pub fn bake_impostor(
     let planes = Planes::new(tiles);
     let reached = Reached::new(mesh, &planes);
     let scene = Scene { mesh, paint: &paint, planes: &planes, reached: &reached };
-    // (1) Every tile's pieces, in an atlas that fits.
+    // (1) Every tile's pieces, in an atlas that fits; the second time without the holes of the first.
     let mut density = how.texels_per_cell;
-    let mut found = None;
-    for _ in 0..TRIES {
-        check()?;
-        let texel = planes.cell / density;
-        if (0..planes.len()).all(|k| canvas::around(&scene, k, texel).fits()) {
-            let of_tile = |k: usize| pieces::pieces(&scene, k, texel);
-            let pieces: Vec<Piece> = (0..planes.len()).into_par_iter().flat_map_iter(of_tile).collect();
-            let sizes: Vec<[u32; 2]> = pieces.iter().map(|p| p.window.size).collect();
-            if let Some(packed) = pack(&sizes, how.max_atlas_px) {
-                found = Some((pieces, packed));
-                break;
-            }
-        }
-        density *= 0.75;
-    }
-    let Some((pieces, packed)) = found else {
-        return Err(Diagnostic::error("small-atlas", format!("the quads do not fit into {} px", how.max_atlas_px)));
-    };
+    let mut patches = vec![Vec::new(); planes.len()];
+    let (first, _) = fit(&scene, &patches, &[], how, &mut density, &check)?;
+    patches = holes::patches(&scene, &first);
+    let (pieces, packed) = fit(&scene, &patches, &first, how, &mut density, &check)?;
     if pieces.is_empty() {
         return Err(Diagnostic::error("nothing-drawn", "no tile draws as much as four texels"));
     }
@@ -149,8 +138,7 @@ pub fn bake_impostor(
         out.normals.push(window.axes[2].map(|c| c as f32));
         out.tangents.push(window.axes[0].map(|c| c as f32));
         out.tiles.push(piece.tile as u32);
-        let [shown, two_sided] = piece.counts();
-        out.two_sided.push(2 * two_sided > shown);
+        out.two_sided.push(piece.two_sided());
     }
     check()?;
 
@@ -181,6 +169,35 @@ pub fn bake_impostor(
         original_triangles: mesh.triangles.len() as u32,
     };
     Ok(out)
+}
+
+/// Every tile's pieces in an atlas, with fewer texels a cell where it would be too large; `known` at the density given and
+/// without patches.
+fn fit(
+    scene: &Scene,
+    patches: &[Vec<Patch>],
+    known: &[Piece],
+    how: &BakeImpostor,
+    density: &mut f64,
+    check: impl Fn() -> Result<()>,
+) -> Result<(Vec<Piece>, Packed)> {
+    for attempt in 0..TRIES {
+        check()?;
+        let texel = scene.planes.cell / *density;
+        if (0..scene.planes.len()).all(|k| canvas::around(scene, k, texel, &patches[k]).fits()) {
+            let of_tile = |k: usize| match attempt == 0 && !known.is_empty() && patches[k].is_empty() {
+                true => known.iter().filter(|p| p.tile == k).cloned().collect(),
+                false => pieces::pieces(scene, k, texel, &patches[k]),
+            };
+            let pieces: Vec<Piece> = (0..scene.planes.len()).into_par_iter().flat_map_iter(of_tile).collect();
+            let sizes: Vec<[u32; 2]> = pieces.iter().map(|p| p.window.size).collect();
+            if let Some(packed) = pack(&sizes, how.max_atlas_px) {
+                return Ok((pieces, packed));
+            }
+        }
+        *density *= 0.75;
+    }
+    Err(Diagnostic::error("small-atlas", format!("the quads do not fit into {} px", how.max_atlas_px)))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::atlas::GUTTER;
 use super::canvas::{self, Texel, Window};
+use super::holes::Patch;
 use super::planes::Scene;
 use crate::geom::space::{Vec3, cross, dot};
 
@@ -18,6 +19,18 @@ impl Piece {
     pub fn counts(&self) -> [usize; 2] {
         let shown = self.texels.iter().flatten();
         [shown.clone().count(), shown.filter(|t| t.two_sided).count()]
+    }
+
+    /// Whether most of what it shows is seen from behind as well.
+    pub fn two_sided(&self) -> bool {
+        let [shown, two_sided] = self.counts();
+        2 * two_sided > shown
+    }
+
+    /// Whether it shows anything there.
+    pub fn shows(&self, column: u32, row: u32) -> bool {
+        let [w, h] = self.window.size;
+        self.texels[(row.min(h - 1) * w + column.min(w - 1)) as usize].is_some()
     }
 
     pub fn draws(&self, p: Vec3) -> bool {
@@ -53,9 +66,9 @@ fn area(low: [u32; 2], high: [u32; 2]) -> f64 {
 }
 
 /// The pieces of tile k.
-pub fn pieces(scene: &Scene, k: usize, texel: f64) -> Vec<Piece> {
-    let window = canvas::around(scene, k, texel);
-    let texels = canvas::draw(scene, k, &window);
+pub fn pieces(scene: &Scene, k: usize, texel: f64, patches: &[Patch]) -> Vec<Piece> {
+    let window = canvas::around(scene, k, texel, patches);
+    let texels = canvas::draw(scene, k, &window, patches);
     let (labels, groups) = connected(&texels, window.size);
     let piece = |group: &Group| {
         let own = |i: usize| labels[i] != 0 && group.parts.contains(&labels[i]);
@@ -64,7 +77,7 @@ pub fn pieces(scene: &Scene, k: usize, texel: f64) -> Vec<Piece> {
         let [w, h] = turned.size.map(|s| s + 2 * GUTTER);
         if f64::from(w) * f64::from(h) < TURN * area(group.low, group.high) {
             // Drawn anew; a texel belongs to the piece whose texels are around its middle.
-            let mut anew = canvas::draw(scene, k, &turned);
+            let mut anew = canvas::draw(scene, k, &turned, patches);
             for (i, texel) in anew.iter_mut().enumerate() {
                 let middle = [i as u32 % turned.size[0], i as u32 / turned.size[0]].map(|c| f64::from(c) + 0.5);
                 let [x, y] = window.place(turned.point(middle)).map(|c| c.floor() as i64);

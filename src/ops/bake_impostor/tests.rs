@@ -79,11 +79,9 @@ fn a_box_is_six_quads_of_its_colours() {
     // What is drawn of a side has its colour, what is bled as well.
     let atlas = crate::io::picture::Picture::decode(&out.colour).unwrap();
     let colours: std::collections::BTreeSet<[u8; 4]> =
-        atlas.levels[0].texels.iter().copied().filter(|t| t[3] > 0).collect();
-    assert_eq!(colours.len(), 6);
-    assert!(
-        atlas.levels[0].texels.iter().all(|t| t[3] > 0 || *t == [0; 4] || colours.contains(&[t[0], t[1], t[2], 255]))
-    );
+        atlas.levels[0].texels.iter().copied().filter(|t| t[3] == 255).collect();
+    assert_eq!(colours.len(), 6, "{colours:?}");
+    assert!(atlas.levels[0].texels.iter().all(|t| *t == [0; 4] || colours.contains(&[t[0], t[1], t[2], 255])));
 }
 
 /// A board of 0.4 x 10 m that lies askew in one plane: its quad is about as large as it, and shows all of it.
@@ -116,6 +114,28 @@ fn rectangles_lie_along_what_they_show() {
     sides.sort_by(f64::total_cmp);
     assert!((0.3..0.6).contains(&sides[0]) && (9.9..10.2).contains(&sides[1]), "{sides:?}");
     assert!(out.worth.drawn > 0.9, "{:?}", out.worth);
+}
+
+/// Planes a quarter of a cell outside the walls do not reach each other: an eye at a corner sees between them, until they go on.
+#[test]
+fn holes_between_quads_are_closed() {
+    let (mesh, mut tiles) = (brick(), six());
+    for plane in &mut tiles.planes {
+        // From half a cell inside.
+        *plane = plane.map(|w| w + 750);
+    }
+    let (paint, planes) = (Paint::new(&mesh), Planes::new(&tiles));
+    let reached = Reached::new(&mesh, &planes);
+    let scene = Scene { mesh: &mesh, paint: &paint, planes: &planes, reached: &reached };
+    let (how, mut density) = (BakeImpostor::default(), 2.0);
+    let none = vec![Vec::new(); planes.len()];
+    let (open, _) = fit(&scene, &none, &[], &how, &mut density, || Ok(())).unwrap();
+    let patches = holes::patches(&scene, &open);
+    let (closed, _) = fit(&scene, &patches, &open, &how, &mut density, || Ok(())).unwrap();
+    let [before, after] = [&open, &closed].map(|pieces| holes::missing(&scene, pieces));
+    assert!(before > 1000 && 20 * after < before, "{before} pixels missing, then {after}");
+    let texels = |pieces: &[Piece]| pieces.iter().map(|p| p.counts()[0]).sum::<usize>();
+    assert!(texels(&closed) > texels(&open));
 }
 
 #[test]
