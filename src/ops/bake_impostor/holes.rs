@@ -162,6 +162,10 @@ fn patch(scene: &Scene, view: &View, hit: &Hit, of_tile: &[Vec<&Piece>], sights:
     let corners = scene.mesh.corners(t);
     let p = [0, 1, 2].map(|k| (0..3).map(|c| hit.weights[c] * corners[c][k]).sum::<f64>());
     let (smooth, two_sided) = (scene.paint.normal(t, hit.weights), scene.paint.material(t).double_sided);
+    // Too small to have a direction.
+    if smooth == [0.0; 3] {
+        return None;
+    }
     // (1) Every tile that turns to the surface and to the eye: how far it is, and where the eye's ray meets it; inside
     //     the outline that every eye sees.
     let meets = |k: usize| {

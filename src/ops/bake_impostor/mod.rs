@@ -109,9 +109,6 @@ pub fn bake_impostor(
     let (first, _) = fit(&scene, &patches, &[], how, &mut density, &check)?;
     patches = holes::patches(&scene, &first);
     let (pieces, packed) = fit(&scene, &patches, &first, how, &mut density, &check)?;
-    if pieces.is_empty() {
-        return Err(Diagnostic::error("nothing-drawn", "no tile draws as much as four texels"));
-    }
 
     // (2) The atlas and the quads.
     let atlas = Atlas::fill(&pieces, &packed);
@@ -190,6 +187,9 @@ fn fit(
                 false => pieces::pieces(scene, k, texel, &patches[k]),
             };
             let pieces: Vec<Piece> = (0..scene.planes.len()).into_par_iter().flat_map_iter(of_tile).collect();
+            if pieces.is_empty() {
+                return Err(Diagnostic::error("nothing-drawn", "no tile draws as much as four texels"));
+            }
             let sizes: Vec<[u32; 2]> = pieces.iter().map(|p| p.window.size).collect();
             if let Some(packed) = pack(&sizes, how.max_atlas_px) {
                 return Ok((pieces, packed));
