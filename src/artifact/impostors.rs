@@ -20,6 +20,8 @@ pub struct Worth {
     pub silhouette: f64,
     /// Mean difference of a channel, 0..255.
     pub colour_error: f64,
+    /// Pixels of the 14 views where no quad draws anything, more than two inside the mesh's outline.
+    pub holes: u32,
     /// Share of the surface that some quad draws.
     pub drawn: f64,
     pub atlas: [u32; 2],
@@ -119,6 +121,10 @@ impl Artifact for Impostors {
             ("texels_per_cell", "texels along a grid cell"),
             ("silhouette_iou", "pixels that mesh and quads both draw, of those that either draws: mean of 14 views"),
             ("colour_error", "mean difference of a channel where either draws, 0..255"),
+            (
+                "hole_pixels",
+                "pixels of the 14 views, more than two inside the mesh's outline, where no quad draws anything",
+            ),
             ("surface_drawn", "share of the mesh's area that some quad draws"),
             ("error_m", "how far off a quad may be: a grid cell"),
             ("distance_m", "where that is one pixel of 1080 rows and 60 degrees"),
@@ -142,6 +148,7 @@ impl Artifact for Impostors {
             ("texels_per_cell", short(w.texels_per_cell)),
             ("silhouette_iou", short(w.silhouette)),
             ("colour_error", short(w.colour_error)),
+            ("hole_pixels", json!(w.holes)),
             ("surface_drawn", short(w.drawn)),
             ("error_m", json!(w.error_m)),
             ("distance_m", json!(w.distance_m)),

@@ -17,7 +17,22 @@ pub fn doubled_area([a, b, c]: &[[i64; 2]; 3]) -> i64 {
 /// Calls `at` with x, y and the corners' weights for each pixel of a `width` x `height` canvas that the triangle covers,
 /// whichever way it turns. Triangles without an area cover nothing.
 #[inline]
-pub fn cover(triangle: &[[i64; 2]; 3], [width, height]: [u32; 2], mut at: impl FnMut(u32, u32, [f64; 3])) {
+pub fn cover(triangle: &[[i64; 2]; 3], size: [u32; 2], mut at: impl FnMut(u32, u32, [f64; 3])) {
+    // One division a triangle.
+    let part = 1.0 / doubled_area(triangle).abs().max(1) as f64;
+    values(triangle, size, |x, y, values, _| at(x, y, values.map(|v| v as f64 * part)));
+}
+
+/// The weights of a triangle's corners at the middle of a pixel, inside or not; it has an area.
+pub fn weights([a, b, c]: &[[i64; 2]; 3], pixel: [u32; 2]) -> [f64; 3] {
+    let p = pixel.map(|v| i64::from(v) * PARTS + PARTS / 2);
+    let area = doubled_area(&[*a, *b, *c]) as f64;
+    [[p, *b, *c], [*a, p, *c], [*a, *b, p]].map(|part| doubled_area(&part) as f64 / area)
+}
+
+/// Calls `at` with x, y, a value that grows with each corner's weight, and their sum, twice the area.
+#[inline]
+pub fn values(triangle: &[[i64; 2]; 3], [width, height]: [u32; 2], mut at: impl FnMut(u32, u32, [i64; 3], i64)) {
     let area = doubled_area(triangle);
     if area == 0 || triangle.iter().flatten().any(|c| c.abs() > MOST) {
         return;
@@ -32,6 +47,10 @@ pub fn cover(triangle: &[[i64; 2]; 3], [width, height]: [u32; 2], mut at: impl F
         (first.max(0), last.min(i64::from(size) - 1))
     };
     let ((x0, x1), (y0, y1)) = (range(0, width), range(1, height));
+    // Most small ones.
+    if x0 > x1 || y0 > y1 {
+        return;
+    }
     // Edge i is opposite corner i; its value grows inside. What only touches belongs to upper and left edges.
     let edge = |i: usize| {
         let (a, b) = (triangle[(i + 1) % 3], triangle[(i + 2) % 3]);
@@ -41,13 +60,18 @@ pub fn cover(triangle: &[[i64; 2]; 3], [width, height]: [u32; 2], mut at: impl F
         (start, -dy * PARTS, dx * PARTS, i64::from(!owns))
     };
     let edges = [edge(0), edge(1), edge(2)];
-    let area = (sign * area) as f64;
+    let area = sign * area;
     let mut row = edges.map(|e| e.0);
     for y in y0..=y1 {
         let mut value = row;
+        let mut entered = false;
         for x in x0..=x1 {
             if (0..3).all(|i| value[i] >= edges[i].3) {
-                at(x as u32, y as u32, value.map(|v| v as f64 / area));
+                at(x as u32, y as u32, value, area);
+                entered = true;
+            } else if entered {
+                // A row goes in and out once.
+                break;
             }
             (0..3).for_each(|i| value[i] += edges[i].1);
         }

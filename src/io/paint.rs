@@ -1,7 +1,7 @@
 //! What a mesh's surface looks like: base colour and alpha at a place of a triangle.
 
 use crate::artifact::Mesh;
-use crate::artifact::mesh::{Alpha, Material};
+use crate::artifact::mesh::{Alpha, Material, Texture};
 use crate::geom::space::{doubled_area, unit};
 
 use super::picture::Picture;
@@ -73,38 +73,41 @@ impl<'a> Paint<'a> {
         if uvs.is_empty() { None } else { Some(self.mesh.triangles[triangle].map(|v| uvs[v as usize])) }
     }
 
-    /// Whether anything is drawn there: quick where alpha does not matter.
-    pub fn shows(&self, triangle: usize, weights: [f64; 3], level: usize) -> bool {
-        self.material(triangle).alpha == Alpha::Opaque || self.at(triangle, weights, level).is_some()
+    /// What decides where a triangle is drawn; none where all of it is.
+    pub fn mask(&self, triangle: usize, level: usize) -> Option<Mask<'_>> {
+        let material = self.material(triangle);
+        let mask = || Mask { material, colours: self.colours(triangle), texture: self.texture(triangle), level };
+        (material.alpha != Alpha::Opaque).then(mask)
     }
 
     /// Light and alpha where the corners have these weights; none where nothing is drawn. What is drawn is whole: alpha
     /// decides, at one half where it would be mixed.
     pub fn at(&self, triangle: usize, weights: [f64; 3], level: usize) -> Option<[f32; 3]> {
         let material = self.material(triangle);
-        let corners = self.mesh.triangles[triangle].map(|v| v as usize);
         let mut out = material.base_colour;
         let w = weights.map(|w| w as f32);
-        let colours = &self.mesh.surface.colours;
-        if !colours.is_empty() {
+        if let Some(colours) = self.colours(triangle) {
             for k in 0..4 {
-                out[k] *= (0..3).map(|c| w[c] * colours[corners[c]][k]).sum::<f32>();
+                out[k] *= (0..3).map(|c| w[c] * colours[c][k]).sum::<f32>();
             }
         }
-        if let Some(texture) = material.texture
-            && let Some(Some(picture)) = self.pictures.get(texture.image as usize)
-            && let Some(places) = self.places(triangle)
-        {
-            let uv = [0, 1].map(|k| (0..3).map(|c| w[c] * places[c][k]).sum::<f32>());
-            let texel = picture.at(uv, texture.wrap, texture.nearest, level);
+        if let Some((picture, texture, places)) = self.texture(triangle) {
+            let texel = picture.at(place(places, w), texture.wrap, texture.nearest, level);
             (0..4).for_each(|k| out[k] *= texel[k]);
         }
-        let drawn = match material.alpha {
-            Alpha::Opaque => true,
-            Alpha::Mask(cutoff) => out[3] >= cutoff,
-            Alpha::Blend => out[3] >= 0.5,
-        };
-        drawn.then_some([out[0], out[1], out[2]])
+        is_drawn(material, out[3]).then_some([out[0], out[1], out[2]])
+    }
+
+    fn colours(&self, triangle: usize) -> Option<[[f32; 4]; 3]> {
+        let colours = &self.mesh.surface.colours;
+        if colours.is_empty() { None } else { Some(self.mesh.triangles[triangle].map(|v| colours[v as usize])) }
+    }
+
+    /// A triangle's picture, and its corners' places in it.
+    fn texture(&self, triangle: usize) -> Option<(&Picture, &Texture, [[f32; 2]; 3])> {
+        let texture = self.material(triangle).texture.as_ref()?;
+        let picture = self.pictures.get(texture.image as usize)?.as_ref()?;
+        Some((picture, texture, self.places(triangle)?))
     }
 
     /// The unit normal of a triangle, as its corners turn; 0, 0, 0 where it has no area.
@@ -122,5 +125,41 @@ impl<'a> Paint<'a> {
         let sum = [0, 1, 2].map(|k| (0..3).map(|c| weights[c] * f64::from(normals[corners[c]][k])).sum());
         let smooth = unit(sum);
         if smooth == [0.0; 3] { self.face_normal(triangle) } else { smooth }
+    }
+}
+
+/// Alpha over a triangle.
+pub struct Mask<'a> {
+    material: &'a Material,
+    colours: Option<[[f32; 4]; 3]>,
+    texture: Option<(&'a Picture, &'a Texture, [[f32; 2]; 3])>,
+    level: usize,
+}
+
+impl Mask<'_> {
+    /// Whether anything is drawn where the corners have these weights: what [`Paint::at`] says.
+    #[inline]
+    pub fn shows(&self, weights: [f64; 3]) -> bool {
+        let w = weights.map(|w| w as f32);
+        let mut alpha = self.material.base_colour[3];
+        if let Some(colours) = self.colours {
+            alpha *= (0..3).map(|c| w[c] * colours[c][3]).sum::<f32>();
+        }
+        if let Some((picture, texture, places)) = self.texture {
+            alpha *= picture.alpha(place(places, w), texture.wrap, texture.nearest, self.level);
+        }
+        is_drawn(self.material, alpha)
+    }
+}
+
+fn place(places: [[f32; 2]; 3], w: [f32; 3]) -> [f32; 2] {
+    [0, 1].map(|k| (0..3).map(|c| w[c] * places[c][k]).sum::<f32>())
+}
+
+fn is_drawn(material: &Material, alpha: f32) -> bool {
+    match material.alpha {
+        Alpha::Opaque => true,
+        Alpha::Mask(cutoff) => alpha >= cutoff,
+        Alpha::Blend => alpha >= 0.5,
     }
 }

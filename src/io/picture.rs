@@ -33,6 +33,20 @@ pub fn linear() -> &'static [f32; 256] {
     })
 }
 
+/// Each value as a part of 255.
+fn parts() -> &'static [f32; 256] {
+    static TABLE: [f32; 256] = {
+        let mut table = [0.0; 256];
+        let mut i = 0;
+        while i < 256 {
+            table[i] = i as f32 / 255.0;
+            i += 1;
+        }
+        table
+    };
+    &TABLE
+}
+
 /// The value on a screen nearest to a light.
 pub fn screen(light: f32) -> u8 {
     // Boundaries half way between two values: the table is what a search finds, the same everywhere.
@@ -65,14 +79,35 @@ impl Picture {
 
     /// Light and alpha at a place, u right, v down, in the copy of this number.
     pub fn at(&self, uv: [f32; 2], wrap: [Wrap; 2], nearest: bool, level: usize) -> [f32; 4] {
+        let (table, parts) = (linear(), parts());
+        let light = |[r, g, b, a]: [u8; 4]| {
+            [table[usize::from(r)], table[usize::from(g)], table[usize::from(b)], parts[usize::from(a)]]
+        };
+        self.mixed(uv, wrap, nearest, level, light)
+    }
+
+    /// Its alpha alone.
+    #[inline]
+    pub fn alpha(&self, uv: [f32; 2], wrap: [Wrap; 2], nearest: bool, level: usize) -> f32 {
+        let [alpha] = self.mixed(uv, wrap, nearest, level, |t| [parts()[usize::from(t[3])]]);
+        alpha
+    }
+
+    #[inline(always)]
+    fn mixed<const N: usize>(
+        &self,
+        uv: [f32; 2],
+        wrap: [Wrap; 2],
+        nearest: bool,
+        level: usize,
+        value: impl Fn([u8; 4]) -> [f32; N],
+    ) -> [f32; N] {
         let level = &self.levels[if nearest { 0 } else { level.min(self.levels.len() - 1) }];
         let size = [level.width, level.height];
         let texel = |x: i64, y: i64| {
             let at = [x, y];
             let [x, y] = [0, 1].map(|k| wrapped(at[k], i64::from(size[k]), wrap[k]));
-            let table = linear();
-            let [r, g, b, a] = level.texels[y * level.width as usize + x];
-            [table[usize::from(r)], table[usize::from(g)], table[usize::from(b)], f32::from(a) / 255.0]
+            value(level.texels[y * level.width as usize + x])
         };
         // Places far out, or none, are somewhere.
         let place = [0, 1].map(|k| {
@@ -89,12 +124,19 @@ impl Picture {
         });
         let share = [0, 1].map(|k| (place[k] - 0.5 - corner[k] as f64) as f32);
         let [x, y] = corner;
-        let mut out = [0.0; 4];
-        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-            let weight =
-                (if dx == 1 { share[0] } else { 1.0 - share[0] }) * (if dy == 1 { share[1] } else { 1.0 - share[1] });
-            let t = texel(x + dx, y + dy);
-            (0..4).for_each(|k| out[k] += weight * t[k]);
+        let [width, height] = size.map(i64::from);
+        // Mostly none of the four lies beyond an end.
+        let four = if (0..width - 1).contains(&x) && (0..height - 1).contains(&y) {
+            let first = (y * width + x) as usize;
+            [first, first + 1, first + width as usize, first + width as usize + 1].map(|i| value(level.texels[i]))
+        } else {
+            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| texel(x + dx, y + dy))
+        };
+        let [u, v] = share;
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        let mut out = [0.0; N];
+        for (weight, t) in weights.into_iter().zip(four) {
+            (0..N).for_each(|k| out[k] += weight * t[k]);
         }
         out
     }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::paint::Paint;
 use super::picture::{Level, linear, screen};
+use crate::artifact::mesh::Alpha;
 use crate::artifact::{Impostors, Mesh};
 use crate::diag::{Diagnostic, Result};
 use crate::geom::raster::{self, PARTS};
@@ -121,28 +122,39 @@ fn on_screen(light: [f32; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// What a camera sees at each pixel, rows from the top.
+/// What a camera sees at each pixel, rows from the top: what is nearest; of that the first triangle.
 pub fn hits(mesh: &Mesh, paint: &Paint, view: &View) -> Vec<Option<Hit>> {
-    let mut out = vec![None; (SIDE * SIDE) as usize];
+    let mut out: Vec<Option<Hit>> = vec![None; (SIDE * SIDE) as usize];
     let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(|&p| view.place(p)).collect();
     let mut depth = vec![f64::NEG_INFINITY; (SIDE * SIDE) as usize];
-    for (triangle, corners) in mesh.triangles.iter().enumerate() {
-        let corners = corners.map(|v| placed[v as usize]);
+    let mut draw = |triangle: usize| {
+        let corners = mesh.triangles[triangle].map(|v| placed[v as usize]);
         let flat = corners.map(|c| c.0);
         let area = raster::doubled_area(&flat);
         // Counter-clockwise from outside is counter-clockwise on the picture: y is down there.
         if area == 0 || area > 0 && !paint.material(triangle).double_sided {
-            continue;
+            return;
         }
         let level = paint.level(triangle, area.abs() as f64 / (2 * PARTS * PARTS) as f64);
+        let mask = paint.mask(triangle, level);
         raster::cover(&flat, [SIDE; 2], |x, y, weights| {
             let i = (y * SIDE + x) as usize;
             let near = weights[0] * corners[0].1 + weights[1] * corners[1].1 + weights[2] * corners[2].1;
-            if near > depth[i] && paint.shows(triangle, weights, level) {
+            let first = || near == depth[i] && out[i].is_some_and(|hit| triangle < hit.triangle);
+            if (near > depth[i] || first()) && mask.as_ref().is_none_or(|mask| mask.shows(weights)) {
                 depth[i] = near;
                 out[i] = Some(Hit { triangle, weights, level });
             }
         });
+    };
+    // Alpha costs more than order: what is near goes first, so that less of what is behind is asked.
+    if mesh.surface.materials.iter().any(|m| m.alpha != Alpha::Opaque) {
+        let nearest = |t: &usize| mesh.triangles[*t].map(|v| placed[v as usize].1).into_iter().fold(f64::MIN, f64::max);
+        let mut order: Vec<(f64, usize)> = (0..mesh.triangles.len()).map(|t| (nearest(&t), t)).collect();
+        order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        order.into_iter().for_each(|(_, t)| draw(t));
+    } else {
+        (0..mesh.triangles.len()).for_each(draw);
     }
     out
 }
@@ -164,22 +176,36 @@ pub struct Likeness {
     pub silhouette: f64,
     /// Mean difference of a channel, 0..255 on a screen, where either draws; nothing is black.
     pub colour: f64,
+    /// Pixels that only the first draws, and all around which, [`INSIDE`] far, it draws as well.
+    pub holes: u32,
+}
+
+/// Pixels from the outline within which nothing counts as a hole.
+pub const INSIDE: u32 = 2;
+
+/// Whether a pixel of a square picture and all those `far` around it are drawn; what lies beyond its border is not.
+pub fn is_inside(side: u32, far: u32, i: usize, drawn: impl Fn(usize) -> bool) -> bool {
+    let [x, y] = [i as u32 % side, i as u32 / side];
+    let within = |c: u32| c >= far && c + far < side;
+    within(x) && within(y) && (y - far..=y + far).all(|v| (x - far..=x + far).all(|u| drawn((v * side + u) as usize)))
 }
 
 pub fn likeness(a: &[Seen], b: &[Seen]) -> Likeness {
-    let (mut silhouettes, mut off, mut drawn) = (0.0, 0u64, 0u64);
+    let (mut silhouettes, mut off, mut drawn, mut holes) = (0.0, 0u64, 0u64, 0);
     for (a, b) in a.iter().zip(b) {
         let (mut both, mut either) = (0u64, 0u64);
-        for (p, q) in a.pixels.iter().zip(&b.pixels).filter(|(p, q)| p[3] > 0 || q[3] > 0) {
+        let pixels = a.pixels.iter().zip(&b.pixels).enumerate();
+        for (i, (p, q)) in pixels.filter(|(_, (p, q))| p[3] > 0 || q[3] > 0) {
             either += 1;
             both += u64::from(p[3] > 0 && q[3] > 0);
+            holes += u32::from(q[3] == 0 && is_inside(SIDE, INSIDE, i, |j| a.pixels[j][3] > 0));
             off += (0..3).map(|k| u64::from(p[k].abs_diff(q[k]))).sum::<u64>();
         }
         silhouettes += if either > 0 { both as f64 / either as f64 } else { 1.0 };
         drawn += either;
     }
     let views = a.len().max(1) as f64;
-    Likeness { silhouette: silhouettes / views, colour: off as f64 / (3 * drawn.max(1)) as f64 }
+    Likeness { silhouette: silhouettes / views, colour: off as f64 / (3 * drawn.max(1)) as f64, holes }
 }
 
 /// Views a row, and the side of each on the sheet.
@@ -266,11 +292,20 @@ mod tests {
         inside.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         let other = all(&inside);
         let like = likeness(&seen, &other);
-        assert_eq!(like, Likeness { silhouette: 1.0, colour: 0.0 });
+        assert_eq!(like, Likeness { silhouette: 1.0, colour: 0.0, holes: 0 });
         inside.triangles.clear();
         inside.primitives.clear();
         let none = all(&inside);
-        assert_eq!(likeness(&seen, &none), Likeness { silhouette: 0.0, colour: 85.0 });
+        // Nothing at all is one hole, but for two pixels along each side.
+        let sides = |i: usize| {
+            let [w, h] = [[1.0, 0.5], [2.0, 0.5], [2.0, 1.0]][i].map(|s| (s / pixel).round() - 4.0);
+            w * h
+        };
+        let axes = (0..3).map(sides).sum::<f64>() * 2.0;
+        let six = likeness(&seen[..6], &none[..6]).holes;
+        assert!((f64::from(six) / axes - 1.0).abs() < 0.02, "{six} of {axes}");
+        let all = likeness(&seen, &none);
+        assert_eq!((all.silhouette, all.colour), (0.0, 85.0));
         assert_eq!(likeness(&none, &none).silhouette, 1.0);
     }
 

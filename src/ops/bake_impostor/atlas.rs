@@ -175,11 +175,10 @@ fn doubled(alpha: &[u8], size: [usize; 2]) -> f64 {
 /// Ring by ring: the mean of what is there already.
 fn bled(mut own: Vec<Option<[u8; 3]>>, size: [u32; 2]) -> Vec<[u8; 3]> {
     let mut edge: Vec<usize> = (0..own.len()).filter(|&i| own[i].is_some()).collect();
+    let mut known: Vec<bool> = own.iter().map(Option::is_some).collect();
     while !edge.is_empty() {
-        let mut ring: Vec<usize> =
-            edge.iter().flat_map(|&i| neighbours(i, size)).filter(|&j| own[j].is_none()).collect();
-        ring.sort_unstable();
-        ring.dedup();
+        let is_new = |j: &usize| !std::mem::replace(&mut known[*j], true);
+        let ring: Vec<usize> = edge.iter().flat_map(|&i| neighbours(i, size)).filter(is_new).collect();
         let mean = |j: &usize| {
             let (mut sum, mut n) = ([0u32; 3], 0);
             for c in neighbours(*j, size).filter_map(|i| own[i]) {

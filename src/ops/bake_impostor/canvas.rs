@@ -1,6 +1,6 @@
 //! A canvas in a tile's plane: what a camera that looks along its normal sees of the surface within its reach.
 
-use super::holes::Patch;
+use super::holes::{Limit, Mending};
 use super::planes::Scene;
 use crate::geom::raster::{self, PARTS};
 use crate::geom::space::{Vec3, cross, dot, sub, unit};
@@ -48,13 +48,26 @@ impl Window {
         within.then(|| y as usize * self.size[0] as usize + x as usize)
     }
 
-    /// The texels along a line.
-    fn line(&self, from: Vec3, to: Vec3) -> impl Iterator<Item = usize> {
+    /// The texels along a line, and around it: at its end as far as `spread`, ever less towards its start.
+    fn fan(&self, from: Vec3, to: Vec3, spread: f64) -> impl Iterator<Item = usize> {
         let along = sub(to, from);
         // Two places a texel.
         let steps = (2.0 * dot(along, along).sqrt() / self.texel).ceil().max(1.0);
-        let place = move |s: u32| [0, 1, 2].map(|k| from[k] + f64::from(s) / steps * along[k]);
-        (0..=steps as u32).filter_map(move |s| self.texel_at(place(s)))
+        let size = self.size.map(|s| s as i64);
+        (0..=steps as u32).flat_map(move |s| {
+            let share = f64::from(s) / steps;
+            let middle = self.place([0, 1, 2].map(|k| from[k] + share * along[k]));
+            let far = share * spread / self.texel;
+            let [x, y] = middle.map(|c| c.floor() as i64);
+            let square = far as i64 + 1;
+            let near = move |u: i64, v: i64| {
+                let [dx, dy] = [(u, middle[0]), (v, middle[1])].map(|(c, m)| c as f64 + 0.5 - m);
+                (u, v) == (x, y) || dx * dx + dy * dy <= far * far
+            };
+            let all = (-square..=square).flat_map(move |dy| (-square..=square).map(move |dx| (x + dx, y + dy)));
+            let inside = move |&(u, v): &(i64, i64)| (0..size[0]).contains(&u) && (0..size[1]).contains(&v);
+            all.filter(inside).filter(move |&(u, v)| near(u, v)).map(move |(u, v)| (v * size[0] + u) as usize)
+        })
     }
 
     /// Corners, counter-clockwise from outside, from the lower left.
@@ -101,23 +114,24 @@ struct Fragment {
 }
 
 /// Around all that a tile reaches, and its patches; no texels where that is nothing.
-pub fn around(scene: &Scene, k: usize, texel: f64, patches: &[Patch]) -> Window {
+pub fn around(scene: &Scene, k: usize, texel: f64, mending: &Mending) -> Window {
     let axes = axes(scene.planes.normal(k));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mesh = scene.mesh;
     let reached = scene.reached.triangles[k].iter().flat_map(|&t| mesh.corners(t as usize));
-    for p in reached.chain(patches.iter().map(|patch| patch.to)) {
+    let ends = mending.patches(k).iter().map(|patch| (patch.to, patch.spread));
+    for (p, far) in reached.map(|p| (p, 0.0)).chain(ends) {
         for a in 0..2 {
             let c = dot(axes[a], p);
-            (low[a], high[a]) = (low[a].min(c), high[a].max(c));
+            (low[a], high[a]) = (low[a].min(c - far), high[a].max(c + far));
         }
     }
     let size = [0, 1].map(|a| if low[a] <= high[a] { ((high[a] - low[a]) / texel).ceil() as u32 + 1 } else { 0 });
     Window { axes, corner: [low[0], high[1], scene.planes.offset(k)], texel, size }
 }
 
-/// Draws tile k: its own texels, what closes seams around them, and patches.
-pub fn draw(scene: &Scene, k: usize, window: &Window, patches: &[Patch]) -> Vec<Option<Texel>> {
+/// Draws tile k: its own texels and what closes seams around them, without what sticks out; and patches.
+pub fn draw(scene: &Scene, k: usize, window: &Window, mending: &Mending) -> Vec<Option<Texel>> {
     let Scene { mesh, paint, planes, reached } = scene;
     let ([right, up, normal], [left, top, offset], size) = (window.axes, window.corner, window.size);
     // (1) Every fragment; a tile's own go before others, then what is nearer to the eye.
@@ -176,18 +190,34 @@ pub fn draw(scene: &Scene, k: usize, window: &Window, patches: &[Patch]) -> Vec<
         next.iter().for_each(|&i| kept[i] = true);
         edge = next;
     }
-    let shown = |(d, kept): (&Option<Fragment>, bool)| d.filter(|_| kept).map(|d| d.texel);
-    let mut out: Vec<Option<Texel>> = drawn.iter().zip(kept).map(shown).collect();
+    // (3) Without those that stick out.
+    let mut shown: Vec<u32> = (0..kept.len() as u32).filter(|&i| kept[i as usize]).collect();
+    mending.keep(window, &mut shown);
+    let mut out: Vec<Option<Texel>> = vec![None; kept.len()];
+    shown.into_iter().map(|i| i as usize).for_each(|i| out[i] = drawn[i].map(|d| d.texel));
 
-    // (3) Patches, where nothing is yet.
+    // (4) Patches, where nothing is yet.
+    let patches = mending.patches(k);
+    let mut asked = [(); 3].map(|()| vec![false; if patches.is_empty() { 0 } else { out.len() }]);
     for patch in patches {
         let texel = Texel {
             colour: patch.light.map(screen),
             normal: window.axes.map(|a| dot(a, patch.normal) as f32),
             two_sided: patch.two_sided,
         };
-        for i in window.line(patch.from, patch.to) {
-            out[i] = out[i].or(drawn[i].map(|d| d.texel)).or(Some(texel));
+        let asked = &mut asked[patch.limit as usize];
+        for i in window.fan(patch.from, patch.to, patch.spread) {
+            if out[i].is_some() || std::mem::replace(&mut asked[i], true) {
+                continue;
+            }
+            let middle = [i as u32 % size[0], i as u32 / size[0]].map(|c| f64::from(c) + 0.5);
+            let fits = match patch.limit {
+                Limit::Drawn => kept[i],
+                limit => mending.is_within(window.point(middle), limit),
+            };
+            if fits {
+                out[i] = Some(drawn[i].map_or(texel, |d| d.texel));
+            }
         }
     }
     out

@@ -4,8 +4,8 @@
 //! Out:    quads, one or more a tile, in one atlas of colour and coverage. A surface point is drawn where a plane within
 //!         the tiles' reach faces its smooth normal (of a two-sided material either side); of several planes by the one
 //!         that it faces most, then the nearest, then the first; along seams one texel of overlap, and up to two cells of
-//!         what lies behind the neighbour's plane: seams close, nothing sticks out; what 36 eyes still see through is
-//!         closed (`holes`). What is nearest to the eye wins.
+//!         what lies behind the neighbour's plane: seams close; what sticks out of the outlines that 128 eyes
+//!         see is cut off, and what they still see through is closed (`holes`). What is nearest to the eye wins.
 //!         Each connected piece of a tile gets the smallest rectangle around it, turned where that saves 15 %; pieces are
 //!         joined where their rectangle with its surroundings grows by less than 20 %; below four texels they are
 //!         dropped. A quad is seen from both sides if most of what it shows is (a mesh without materials is). Around each
@@ -21,10 +21,11 @@
 //!         for 0.954), of a camera by 0.003; quads of two-sided materials culled: 0.77 for 0.95 on a car on a cloth; the
 //!         nearest plane instead of the one faced most: +0.003, seams less straight, the house 0.003 worse; quads moved
 //!         to the mean of what they draw: +0.001; leftovers drawn by tiles two cells away: +0.002 on the car, -0.004 on
-//!         the Buddha. What is wrong there is 4.3 % of pixels outside the outline, each less than a cell off: the planes.
+//!         the Buddha. Before quads were cut at outlines, 4.3 % of its pixels lay outside, each less than a cell off.
 
 mod atlas;
 mod canvas;
+mod eyes;
 mod holes;
 mod pieces;
 mod planes;
@@ -38,7 +39,7 @@ use crate::io::paint::Paint;
 use crate::io::views;
 use crate::op::{Ctx, Op};
 use atlas::{Atlas, Packed, pack};
-use holes::Patch;
+use holes::Mending;
 use pieces::Piece;
 use planes::{Planes, Reached, Scene};
 
@@ -65,7 +66,7 @@ crate::inputs! {
 
 impl Op for BakeImpostor {
     const NAME: &'static str = "bake-impostor";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = In;
     type Out = Impostors;
 
@@ -80,6 +81,8 @@ impl Op for BakeImpostor {
 
 /// Densities that are tried one after the other.
 const TRIES: usize = 12;
+/// Each this much of the one before.
+const SPARSER: f64 = 0.75;
 /// A pixel of 1080 rows and 60 degrees, seen from a metre: 2 tan 30 / 1080.
 const PIXEL: f64 = 1.154_700_538_379_251_7 / 1080.0;
 
@@ -103,12 +106,13 @@ pub fn bake_impostor(
     let planes = Planes::new(tiles);
     let reached = Reached::new(mesh, &planes);
     let scene = Scene { mesh, paint: &paint, planes: &planes, reached: &reached };
-    // (1) Every tile's pieces, in an atlas that fits; the second time without the holes of the first.
-    let mut density = how.texels_per_cell;
-    let mut patches = vec![Vec::new(); planes.len()];
-    let (first, _) = fit(&scene, &patches, &[], how, &mut density, &check)?;
-    patches = holes::patches(&scene, &first);
-    let (pieces, packed) = fit(&scene, &patches, &first, how, &mut density, &check)?;
+    // (1) Every tile's pieces, in an atlas that fits: without what sticks out of the first ones, and without their holes.
+    let none = Mending::none();
+    let densities = std::iter::successors(Some(how.texels_per_cell), |d| Some(d * SPARSER)).take(TRIES);
+    let mut density = densities.into_iter().find(|&d| fits(&scene, &none, d)).ok_or_else(|| too_large(how))?;
+    let mending = Mending::new(&scene, &all_pieces(&scene, &none, density));
+    check()?;
+    let (pieces, packed) = fit(&scene, &mending, how, &mut density, &check)?;
 
     // (2) The atlas and the quads.
     let atlas = Atlas::fill(&pieces, &packed);
@@ -159,6 +163,7 @@ pub fn bake_impostor(
         texels_per_cell: density,
         silhouette: like.silhouette,
         colour_error: like.colour,
+        holes: like.holes,
         drawn: scene.share_drawn(|k, p| of_tile[k].iter().any(|piece| piece.draws(p))),
         atlas: size,
         filled: atlas.filled,
@@ -168,25 +173,29 @@ pub fn bake_impostor(
     Ok(out)
 }
 
-/// Every tile's pieces in an atlas, with fewer texels a cell where it would be too large; `known` at the density given and
-/// without patches.
+/// Whether each tile's canvas can be drawn within memory.
+fn fits(scene: &Scene, mending: &Mending, density: f64) -> bool {
+    let texel = scene.planes.cell / density;
+    (0..scene.planes.len()).all(|k| canvas::around(scene, k, texel, mending).fits())
+}
+
+fn all_pieces(scene: &Scene, mending: &Mending, density: f64) -> Vec<Piece> {
+    let texel = scene.planes.cell / density;
+    (0..scene.planes.len()).into_par_iter().flat_map_iter(|k| pieces::pieces(scene, k, texel, mending)).collect()
+}
+
+/// Every tile's pieces in an atlas, with fewer texels a cell where it would be too large.
 fn fit(
     scene: &Scene,
-    patches: &[Vec<Patch>],
-    known: &[Piece],
+    mending: &Mending,
     how: &BakeImpostor,
     density: &mut f64,
     check: impl Fn() -> Result<()>,
 ) -> Result<(Vec<Piece>, Packed)> {
-    for attempt in 0..TRIES {
+    for _ in 0..TRIES {
         check()?;
-        let texel = scene.planes.cell / *density;
-        if (0..scene.planes.len()).all(|k| canvas::around(scene, k, texel, &patches[k]).fits()) {
-            let of_tile = |k: usize| match attempt == 0 && !known.is_empty() && patches[k].is_empty() {
-                true => known.iter().filter(|p| p.tile == k).cloned().collect(),
-                false => pieces::pieces(scene, k, texel, &patches[k]),
-            };
-            let pieces: Vec<Piece> = (0..scene.planes.len()).into_par_iter().flat_map_iter(of_tile).collect();
+        if fits(scene, mending, *density) {
+            let pieces = all_pieces(scene, mending, *density);
             if pieces.is_empty() {
                 return Err(Diagnostic::error("nothing-drawn", "no tile draws as much as four texels"));
             }
@@ -195,9 +204,13 @@ fn fit(
                 return Ok((pieces, packed));
             }
         }
-        *density *= 0.75;
+        *density *= SPARSER;
     }
-    Err(Diagnostic::error("small-atlas", format!("the quads do not fit into {} px", how.max_atlas_px)))
+    Err(too_large(how))
+}
+
+fn too_large(how: &BakeImpostor) -> Box<Diagnostic> {
+    Diagnostic::error("small-atlas", format!("the quads do not fit into {} px", how.max_atlas_px))
 }
 
 #[cfg(test)]

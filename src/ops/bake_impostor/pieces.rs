@@ -2,7 +2,7 @@
 
 use super::atlas::GUTTER;
 use super::canvas::{self, Texel, Window};
-use super::holes::Patch;
+use super::holes::Mending;
 use super::planes::Scene;
 use crate::geom::space::{Vec3, cross, dot};
 
@@ -25,12 +25,6 @@ impl Piece {
     pub fn two_sided(&self) -> bool {
         let [shown, two_sided] = self.counts();
         2 * two_sided > shown
-    }
-
-    /// Whether it shows anything there.
-    pub fn shows(&self, column: u32, row: u32) -> bool {
-        let [w, h] = self.window.size;
-        self.texels[(row.min(h - 1) * w + column.min(w - 1)) as usize].is_some()
     }
 
     pub fn draws(&self, p: Vec3) -> bool {
@@ -66,18 +60,19 @@ fn area(low: [u32; 2], high: [u32; 2]) -> f64 {
 }
 
 /// The pieces of tile k.
-pub fn pieces(scene: &Scene, k: usize, texel: f64, patches: &[Patch]) -> Vec<Piece> {
-    let window = canvas::around(scene, k, texel, patches);
-    let texels = canvas::draw(scene, k, &window, patches);
+pub fn pieces(scene: &Scene, k: usize, texel: f64, mending: &Mending) -> Vec<Piece> {
+    let window = canvas::around(scene, k, texel, mending);
+    let texels = canvas::draw(scene, k, &window, mending);
     let (labels, groups) = connected(&texels, window.size);
     let piece = |group: &Group| {
         let own = |i: usize| labels[i] != 0 && group.parts.contains(&labels[i]);
         let whole = window.part(group.low, group.high);
         let turned = turned(&window, group, own);
         let [w, h] = turned.size.map(|s| s + 2 * GUTTER);
-        if f64::from(w) * f64::from(h) < TURN * area(group.low, group.high) {
+        // Drawn anew only where it will be seen.
+        if !mending.is_none() && f64::from(w) * f64::from(h) < TURN * area(group.low, group.high) {
             // Drawn anew; a texel belongs to the piece whose texels are around its middle.
-            let mut anew = canvas::draw(scene, k, &turned, patches);
+            let mut anew = canvas::draw(scene, k, &turned, mending);
             for (i, texel) in anew.iter_mut().enumerate() {
                 let middle = [i as u32 % turned.size[0], i as u32 / turned.size[0]].map(|c| f64::from(c) + 0.5);
                 let [x, y] = window.place(turned.point(middle)).map(|c| c.floor() as i64);

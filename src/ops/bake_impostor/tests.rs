@@ -128,10 +128,9 @@ fn holes_between_quads_are_closed() {
     let reached = Reached::new(&mesh, &planes);
     let scene = Scene { mesh: &mesh, paint: &paint, planes: &planes, reached: &reached };
     let (how, mut density) = (BakeImpostor::default(), 2.0);
-    let none = vec![Vec::new(); planes.len()];
-    let (open, _) = fit(&scene, &none, &[], &how, &mut density, || Ok(())).unwrap();
-    let patches = holes::patches(&scene, &open);
-    let (closed, _) = fit(&scene, &patches, &open, &how, &mut density, || Ok(())).unwrap();
+    let mut baked = |mending: &Mending| fit(&scene, mending, &how, &mut density, || Ok(())).unwrap().0;
+    let open = baked(&Mending::none());
+    let closed = baked(&Mending::new(&scene, &open));
     let [before, after] = [&open, &closed].map(|pieces| holes::missing(&scene, pieces));
     assert!(before > 1000 && 20 * after < before, "{before} pixels missing, then {after}");
     let texels = |pieces: &[Piece]| pieces.iter().map(|p| p.counts()[0]).sum::<usize>();

@@ -1,0 +1,315 @@
+//! What eyes all around see of a mesh, and where they see through its quads.
+//!
+//! Two eyes look along each line, one from each end: they share the places of corners and the pixels of triangles.
+
+use super::canvas::Window;
+use super::pieces::Piece;
+use super::planes::Scene;
+use crate::artifact::mesh::Alpha;
+use crate::geom::raster::{self, PARTS};
+use crate::geom::space::{Vec3, cross, dot, sub, unit};
+use crate::io::views::is_inside;
+
+/// Lines of sight, evenly spread over half of all directions.
+pub const LINES: usize = 64;
+/// Pixels along each side of a picture.
+const SIDE: u32 = 512;
+/// Pixels from the outline within which nothing is missing.
+const OUTLINE: u32 = 2;
+/// Quads and lines closer to parallel than that do not show.
+const GRAZING: f64 = 1e-6;
+/// Parts of a texel.
+const FIXED: f64 = (1u64 << 32) as f64;
+
+/// Two eyes that look along a line.
+pub struct Eyes {
+    /// Right, up, and towards the first of them.
+    pub axes: [Vec3; 3],
+    middle: Vec3,
+    /// Pixels a metre.
+    scale: f64,
+}
+
+/// A place of the mesh that an eye sees where no quad draws anything.
+pub struct Missing {
+    /// Towards the eye.
+    pub eye: Vec3,
+    pub triangle: usize,
+    /// Of its corners.
+    pub weights: [f64; 3],
+    /// Of the copies of its picture.
+    pub level: usize,
+}
+
+/// Pixels of a picture that are marked.
+struct Marked(Vec<u64>);
+
+impl Marked {
+    fn of(is_marked: impl Fn(usize) -> bool) -> Self {
+        let word = |w: usize| (0..64).map(|b| u64::from(is_marked(64 * w + b)) << b).sum();
+        Self((0..(SIDE * SIDE) as usize / 64).map(word).collect())
+    }
+
+    #[inline]
+    fn has(&self, i: usize) -> bool {
+        self.0[i / 64] >> (i % 64) & 1 == 1
+    }
+}
+
+/// Pixels of a window's upper left corner, and of one column and one row on.
+struct Laid {
+    corner: [f64; 2],
+    column: [f64; 2],
+    row: [f64; 2],
+}
+
+/// What can be drawn without sticking out.
+pub struct Outline {
+    pub eyes: Eyes,
+    /// Where the mesh is, from whichever side.
+    inside: Marked,
+    /// Half a cell around as well.
+    around: Marked,
+}
+
+/// A piece as eyes see it.
+pub struct Shown<'a> {
+    pub piece: &'a Piece,
+    pub two_sided: bool,
+    texels: Vec<bool>,
+}
+
+impl<'a> Shown<'a> {
+    /// Only those texels that are `within`.
+    pub fn new(piece: &'a Piece, within: impl Fn(&Window, &mut Vec<u32>)) -> Self {
+        let is_shown = |&i: &u32| piece.texels[i as usize].is_some();
+        let mut shown: Vec<u32> = (0..piece.texels.len() as u32).filter(is_shown).collect();
+        within(&piece.window, &mut shown);
+        let mut texels = vec![false; piece.texels.len()];
+        shown.into_iter().for_each(|i| texels[i as usize] = true);
+        Self { piece, two_sided: piece.two_sided(), texels }
+    }
+
+    pub fn draws(&self, p: Vec3) -> bool {
+        self.piece.window.texel_at(p).is_some_and(|i| self.texels[i])
+    }
+}
+
+/// What an eye sees of the mesh.
+pub struct Seen {
+    drawn: Marked,
+    /// The nearest at each pixel of these, row by row.
+    triangles: Vec<u32>,
+}
+
+/// The nearest triangle at each pixel.
+struct Nearest {
+    near: Vec<f32>,
+    triangle: Vec<u32>,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Nearest {
+    fn new() -> Self {
+        let n = (SIDE * SIDE) as usize;
+        Self { near: vec![f32::NEG_INFINITY; n], triangle: vec![NONE; n] }
+    }
+
+    fn seen(self) -> Seen {
+        let drawn = Marked::of(|i| self.triangle[i] != NONE);
+        Seen { drawn, triangles: self.triangle.into_iter().filter(|&t| t != NONE).collect() }
+    }
+}
+
+impl Eyes {
+    /// Along the line of this number: they spiral from the pole to the equator. `half`: half of the picture's width.
+    pub fn new(middle: Vec3, half: f64, i: usize) -> Self {
+        let z = 1.0 - (2 * i + 1) as f64 / (2 * LINES) as f64;
+        let around = (1.0 - z * z).sqrt();
+        // The golden angle.
+        let (sin, cos) = libm::sincos(i as f64 * 2.399_963_229_728_653);
+        let eye = [around * cos, around * sin, z];
+        let right = unit(cross([0.0, 0.0, 1.0], eye));
+        Self { axes: [right, cross(eye, right), eye], middle, scale: f64::from(SIDE / 2) / half }
+    }
+
+    /// Where a place is on the picture, in parts of a pixel, and how near to the first eye.
+    fn place(&self, p: Vec3) -> ([i64; 2], f32) {
+        let middle = f64::from(SIDE / 2);
+        let [x, y, z] = self.axes.map(|a| dot(a, sub(p, self.middle)) * self.scale);
+        // Not below zero on the picture: as a number without its part is the floor.
+        let part = |v: f64| (v * PARTS as f64 + 0.5) as i64;
+        ([part(middle + x), part(middle - y)], z as f32)
+    }
+
+    /// What each of the two sees of the mesh, and what may be drawn: up to a `margin` around.
+    pub fn look(self, scene: &Scene, margin: f64) -> (Outline, [Seen; 2]) {
+        let seen = self.seen(scene);
+        let inside = Marked(seen[0].drawn.0.iter().zip(&seen[1].drawn.0).map(|(a, b)| a | b).collect());
+        let far = (margin * self.scale) as usize;
+        let around = grown(&inside, far.clamp(1, SIDE as usize));
+        (Outline { eyes: self, inside, around }, seen)
+    }
+
+    fn seen(&self, scene: &Scene) -> [Seen; 2] {
+        let Scene { mesh, paint, .. } = scene;
+        let mut both = [(); 2].map(|()| Nearest::new());
+        let placed: Vec<([i64; 2], f32)> = mesh.positions.iter().map(|&p| self.place(p)).collect();
+        for (t, corners) in mesh.triangles.iter().enumerate() {
+            let corners = corners.map(|v| placed[v as usize]);
+            let flat = corners.map(|c| c.0);
+            let area = raster::doubled_area(&flat);
+            let material = paint.material(t);
+            // Counter-clockwise from outside is counter-clockwise for the first: y is down there.
+            let shows = [area < 0 || material.double_sided, area > 0 || material.double_sided];
+            let mask = match material.alpha {
+                Alpha::Opaque => None,
+                _ => paint.mask(t, self.level(scene, t, area)),
+            };
+            let nearness = corners.map(|c| f64::from(c.1) / area.abs() as f64);
+            raster::values(&flat, [SIDE; 2], |x, y, values, area| {
+                let near = (0..3).map(|c| values[c] as f64 * nearness[c]).sum::<f64>() as f32;
+                let i = (y * SIDE + x) as usize;
+                let is_drawn = || mask.as_ref().is_none_or(|mask| mask.shows(values.map(|v| v as f64 / area as f64)));
+                for (k, near) in [near, -near].into_iter().enumerate() {
+                    if shows[k] && near > both[k].near[i] && is_drawn() {
+                        both[k].near[i] = near;
+                        both[k].triangle[i] = t as u32;
+                    }
+                }
+            });
+        }
+        both.map(Nearest::seen)
+    }
+
+    fn level(&self, scene: &Scene, triangle: usize, area: i64) -> usize {
+        scene.paint.level(triangle, area.abs() as f64 / (2 * PARTS * PARTS) as f64)
+    }
+
+    /// How texels lie on the picture.
+    fn laid(&self, window: &Window) -> Laid {
+        let texel = window.texel * self.scale;
+        let along = |a: Vec3, sign: f64| [dot(a, self.axes[0]) * sign * texel, -dot(a, self.axes[1]) * sign * texel];
+        let corner = sub(window.point([0.0; 2]), self.middle);
+        let middle = f64::from(SIDE / 2);
+        Laid {
+            corner: [middle + dot(corner, self.axes[0]) * self.scale, middle - dot(corner, self.axes[1]) * self.scale],
+            column: along(window.axes[0], 1.0),
+            row: along(window.axes[1], -1.0),
+        }
+    }
+
+    /// Pixels where quads draw something: bit k for eye k.
+    fn covered(&self, pieces: &[Shown]) -> Vec<u8> {
+        let mut out = vec![0; (SIDE * SIDE) as usize];
+        for shown in pieces {
+            let window = &shown.piece.window;
+            let facing = dot(window.axes[2], self.axes[2]);
+            if facing.abs() < GRAZING {
+                continue;
+            }
+            let bits = if shown.two_sided { 3 } else { 1 << u8::from(facing < 0.0) };
+            let Laid { corner, column: [xu, yu], row: [xv, yv] } = self.laid(window);
+            // The way back: a pixel right and one down are so many columns and rows.
+            let all = xu * yv - xv * yu;
+            let [ux, uy, vx, vy] = [yv / all, -xv / all, -yu / all, xu / all];
+            let [w, h] = window.size.map(f64::from);
+            let [width, right, bottom] = [window.size[0], window.size[0] - 1, window.size[1] - 1].map(i64::from);
+            let ends = [0.0, w * yu, h * yv, w * yu + h * yv].map(|y| corner[1] + y);
+            let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as u32;
+            let high = ends.into_iter().fold(0.0, f64::max).min(f64::from(SIDE)) as u32;
+            for y in low..(high + 1).min(SIDE) {
+                // (1) Of the row the pixels that lie in the window.
+                let down = f64::from(y) + 0.5 - corner[1];
+                let (u0, v0) = (uy * down - ux * corner[0], vy * down - vx * corner[0]);
+                let (mut first, mut last) = (0.0f64, f64::from(SIDE));
+                for (at, step, end) in [(u0, ux, w), (v0, vx, h)] {
+                    let (a, b) = (-at / step, (end - at) / step);
+                    if step != 0.0 {
+                        (first, last) = (first.max(a.min(b)), last.min(a.max(b)));
+                    } else if at < 0.0 || at >= end {
+                        last = 0.0;
+                    }
+                }
+                // (2) Their texels, at their middles; in whole numbers, which step faster.
+                let (first, last) = ((first + 0.5) as u32, ((last + 0.5) as u32).min(SIDE));
+                let at = f64::from(first) + 0.5;
+                let fixed = |v: f64| (v * FIXED) as i64;
+                let (mut u, mut v) = (fixed(u0 + ux * at), fixed(v0 + vx * at));
+                let (du, dv) = (fixed(ux), fixed(vx));
+                let row = (y * SIDE) as usize;
+                for pixel in out.iter_mut().take(row + last as usize).skip(row + first as usize) {
+                    let texel = (v >> 32).min(bottom) * width + (u >> 32).min(right);
+                    if shown.texels.get(texel as usize) == Some(&true) {
+                        *pixel |= bits;
+                    }
+                    (u, v) = (u + du, v + dv);
+                }
+            }
+        }
+        out
+    }
+
+    /// What is missing for the two.
+    pub fn missing(&self, scene: &Scene, seen: &[Seen; 2], pieces: &[Shown]) -> Vec<Missing> {
+        let covered = self.covered(pieces);
+        let mut missing = Vec::new();
+        for k in 0..2 {
+            let eye = self.axes[2].map(|c| if k == 0 { c } else { -c });
+            let Seen { drawn, triangles } = &seen[k];
+            let pixels = (0..covered.len()).filter(|&i| drawn.has(i));
+            for (i, &triangle) in pixels.zip(triangles) {
+                if covered[i] >> k & 1 == 0 && is_inside(SIDE, OUTLINE, i, |j| drawn.has(j)) {
+                    let triangle = triangle as usize;
+                    let flat = scene.mesh.corners(triangle).map(|p| self.place(p).0);
+                    let weights = raster::weights(&flat, [i as u32 % SIDE, i as u32 / SIDE]);
+                    let level = self.level(scene, triangle, raster::doubled_area(&flat));
+                    missing.push(Missing { eye, triangle, weights, level });
+                }
+            }
+        }
+        missing
+    }
+}
+
+impl Outline {
+    /// Of these texels those whose middles are in it, or `around` it.
+    pub fn keep(&self, window: &Window, around: bool, texels: &mut Vec<u32>) {
+        let laid = self.eyes.laid(window);
+        let pixels = if around { &self.around } else { &self.inside };
+        let (width, side) = (window.size[0], f64::from(SIDE));
+        texels.retain(|&i| {
+            let (u, v) = (f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
+            let [x, y] = [0, 1].map(|k| laid.corner[k] + u * laid.column[k] + v * laid.row[k]);
+            x >= 0.0 && y >= 0.0 && x < side && y < side && pixels.has(y as usize * SIDE as usize + x as usize)
+        });
+    }
+
+    /// Whether a place is in it, or `around` it.
+    pub fn has(&self, p: Vec3, around: bool) -> bool {
+        let eyes = &self.eyes;
+        let p = sub(p, eyes.middle);
+        let middle = f64::from(SIDE / 2);
+        let (x, y) = (middle + dot(eyes.axes[0], p) * eyes.scale, middle - dot(eyes.axes[1], p) * eyes.scale);
+        let side = f64::from(SIDE);
+        let pixels = if around { &self.around } else { &self.inside };
+        x >= 0.0 && y >= 0.0 && x < side && y < side && pixels.has(y as usize * SIDE as usize + x as usize)
+    }
+}
+
+/// Pixels at most `far` from one of these, along rows and columns.
+fn grown(pixels: &Marked, far: usize) -> Marked {
+    let side = SIDE as usize;
+    let mut out: Vec<bool> = (0..side * side).map(|i| pixels.has(i)).collect();
+    for (line, step) in [(side, 1), (1, side)] {
+        for i in 0..side {
+            let at = |k: usize| i * line + k * step;
+            let marked: Vec<usize> = (0..side).filter(|&k| out[at(k)]).collect();
+            for k in marked {
+                (k.saturating_sub(far)..=(k + far).min(side - 1)).for_each(|k| out[at(k)] = true);
+            }
+        }
+    }
+    Marked::of(|i| out[i])
+}
