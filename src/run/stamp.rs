@@ -232,6 +232,18 @@ impl Stamps {
         self.changed = true;
     }
 
+    /// Drops those that can tell nothing any more: of files that are no longer as they were, and of files other than
+    /// `wanted`. How many went.
+    pub fn keep(&mut self, wanted: &BTreeSet<Digest>) -> u64 {
+        let before = self.known.len();
+        self.known.retain(|path, (stamp, digest)| {
+            wanted.contains(digest) && Stamp::of_input(path).is_ok_and(|now| now.same(stamp))
+        });
+        let gone = (before - self.known.len()) as u64;
+        self.changed |= gone > 0;
+        gone
+    }
+
     pub fn save(&self, store: &Store) {
         if !self.changed {
             return;
