@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -15,7 +15,7 @@ use super::Options;
 use super::event::{Event, Observer};
 use super::executor::decode;
 use super::lock;
-use super::published::{Published, State, note, state_name, write_state};
+use super::published::{Published, State, is_below, note, state_name, write_state};
 use super::record::Record;
 use super::stamp::{self, Stamp};
 use super::store::Store;
@@ -197,7 +197,7 @@ impl Work<'_> {
         // (3) Remove what a killed run left half, and what the last run published and this one does not make, unless somebody changed it.
         let (fresh, known) = nodes_of(graph, ready);
         let made: BTreeSet<&str> = found.files.iter().map(|f| &*f.path).collect();
-        for old in state.planned.iter().filter(|old| is_below(&old.path)) {
+        for old in &state.planned {
             let path = half(&self.out.join(&old.path));
             if self.parents_are_folders(&path) {
                 let _ = fs::remove_file(path);
@@ -205,7 +205,7 @@ impl Work<'_> {
         }
         for old in self.before.values().chain(&state.planned) {
             let gone = fresh.contains(&*old.node) || !known.contains(&*old.node);
-            if gone && !made.contains(&*old.path) && is_below(&old.path) {
+            if gone && !made.contains(&*old.path) {
                 self.remove(old, observer);
             }
         }
@@ -333,12 +333,6 @@ impl Work<'_> {
 fn half(path: &Path) -> PathBuf {
     let name = path.file_name().expect("published files have names");
     path.with_file_name(format!(".lodge-{}", Digest::of(name.as_encoded_bytes()).short(12)))
-}
-
-/// Relative, and never upwards.
-fn is_below(path: &str) -> bool {
-    let path = Path::new(path);
-    path.components().next().is_some() && path.components().all(|c| matches!(c, Component::Normal(_)))
 }
 
 /// Puts a published file back from its object; false where that is lost.

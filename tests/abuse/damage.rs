@@ -11,8 +11,9 @@ use lodge::run::store::Store;
 use lodge::run::verify::{Found, verify};
 use serde_json::json;
 
+use super::support::Place;
 use super::toy::{Yard, tree};
-use super::{Random, times};
+use super::{Random, copy, names, times};
 
 /// Small and large objects, results, published files of all sizes, plans and notes.
 fn yard(home: &Path) -> Yard {
@@ -359,5 +360,45 @@ fn two_results_that_change_places_give_no_wrong_bytes() {
         ground.reset();
         Damage::SwapFrames(path.clone(), pair[0], pair[1]).inflict();
         assert!(!ground.verify().is_clean(), "{pair:?}");
+    }
+}
+
+/// Each of them is whole, and that of another pipeline.
+#[test]
+fn notes_and_plans_that_change_places_are_not_believed() {
+    let place = Place::new();
+    let pipelines = ["p", "q"].map(|name| {
+        let file = format!("{name}.toml");
+        let text = format!("[node.{name}]\nop = \"concat\"\ntext = \"{name}\"\npublish = \"{name}\"\n");
+        place.write(&file, text);
+        place.lodge_json(&["run", &file]);
+        (name, file)
+    });
+    let clean = tree(&place.path("out"));
+    copy(&place.path("cache"), &place.path("saved"));
+    for folder in ["plans", "runs", "published", "history"] {
+        let swap = || {
+            copy(&place.path("saved"), &place.path("cache"));
+            let all = files(&place.path("cache").join(folder));
+            let [a, b]: [PathBuf; 2] = all.try_into().unwrap();
+            let aside = place.path("aside");
+            fs::rename(&a, &aside).unwrap();
+            fs::rename(&b, &a).unwrap();
+            fs::rename(&aside, &b).unwrap();
+        };
+        swap();
+        let found = place.lodge_json(&["cache", "verify"]);
+        assert_eq!(found["evicted"].as_array().unwrap().len(), 2, "{folder}: {found}");
+        swap();
+        for (name, file) in &pipelines {
+            for args in [&["run", file][..], &["run", file, "--verify"]] {
+                let run = place.lodge_json(args);
+                assert_eq!((names(&run, "cached"), &run["files"][0]["path"]), (vec![*name], &json!(name)), "{folder}");
+            }
+            let runs = place.lodge_json(&["runs", file]);
+            let swapped = usize::from(folder == "history");
+            assert_eq!(runs["damaged"].as_array().unwrap().len(), swapped, "{folder}: {runs}");
+        }
+        assert!(tree(&place.path("out")) == clean, "{folder}");
     }
 }
