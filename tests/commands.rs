@@ -389,8 +389,15 @@ fn interrupted(place: &Place, ready: impl Fn(&[Value]) -> bool) -> (Value, Durat
     assert!(child.try_wait().unwrap().is_none(), "it is not long enough");
     let struck = Instant::now();
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let out = child.wait_with_output().unwrap();
+    while child.try_wait().unwrap().is_none() {
+        if struck.elapsed() > Duration::from_secs(20) {
+            child.kill().unwrap();
+            panic!("it does not end");
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
     let took = struck.elapsed();
+    let out = child.wait_with_output().unwrap();
     std::fs::remove_file(place.path("e.jsonl")).unwrap();
     assert_eq!(out.status.code(), Some(130), "{out:?}");
     (serde_json::from_slice(&out.stdout).unwrap(), took)

@@ -160,5 +160,20 @@ mod tests {
         let bytes = write_state(&graph, &out, &[("a", &file)].into(), std::iter::empty());
         assert_eq!(parse(&bytes, &name).unwrap().files.len(), 1);
         assert!(parse(&bytes, &state_name(&graph, folder.path())).is_none());
+
+        // Before the machine was started again the file was as noted; now it has to be read.
+        let stamp = Stamp::of_folder(folder.path()).unwrap();
+        for (since, known) in [(boot(), true), ("another time".to_string(), false)] {
+            let mut note = Writer::default();
+            [&since, "/p.toml", &absolute(&out).to_string_lossy()].iter().for_each(|text| note.text(text));
+            note.u32(1);
+            ["a", "node"].iter().for_each(|text| note.text(text));
+            note.digest(&file.digest);
+            note.u64(1);
+            stamp.write(&mut note);
+            note.u32(0);
+            let found = parse(&note.sealed(TAG), &name).unwrap().files;
+            assert_eq!(found[0].0.stamp.same(&stamp), known, "{since}");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
-use std::os::unix::fs::{FileExt, PermissionsExt};
+use std::os::unix::fs::{FileExt, MetadataExt, PermissionsExt};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -157,6 +157,28 @@ fn bytes_that_change_below_the_file_system() {
         std::thread::sleep(std::time::Duration::from_millis(50));
         null();
     }
+}
+
+/// Where the clock of files ticks, it is not taken for a fine one.
+#[test]
+fn a_clock_that_ticks_is_found_out() {
+    let place = Place::new();
+    let disk = place.path("disk");
+    let Some(_mounted) = Mounted::new(&disk, &["-t", "ramfs", "ramfs"]) else {
+        return println!("skipped: this user cannot mount a ramfs");
+    };
+    // Two looks with a change between, and one time.
+    let mut file = fs::File::create(disk.join("a")).unwrap();
+    let mut tick = || {
+        file.write_all(b"x").unwrap();
+        let meta = file.metadata().unwrap();
+        (meta.ctime(), meta.ctime_nsec())
+    };
+    if (0..1000).all(|_| tick() != tick()) {
+        return println!("skipped: the clock of this ramfs is fine");
+    }
+    assert_eq!(lodge::run::stamp::grain(&disk.join("b")), None);
+    assert!(!disk.join("b").exists());
 }
 
 /// A file system without ctime, and a clock set back to the nanosecond: bytes change, and the stamp does not. No test can
