@@ -386,6 +386,51 @@ fn snapshots_without_a_stage_are_told_and_fail_in_ci_and_stay() {
 }
 
 #[test]
+fn numbers_within_the_tolerance_keep_the_old_text_beside_the_new_digest() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    say(&place, &["accept"]);
+    let right = files(&place)["four__plan.snap"].clone();
+    let digest = right.lines().find(|l| l.starts_with("  digest: ")).unwrap();
+    // The first measure of the summary, a little or much larger, and another digest.
+    let (line, area) = right
+        .lines()
+        .rev()
+        .find_map(|l| Some((l, l.split_once(": ")?.1.parse::<f64>().ok().filter(|_| l.contains('.'))?)))
+        .unwrap();
+    let with = |factor: f64| {
+        let (name, _) = line.split_once(": ").unwrap();
+        right.replace(line, &format!("{name}: {}", area * factor)).replace(digest, "  digest: aa")
+    };
+    let test = |text: &str, more: &str, args: &[&str]| {
+        place.write("four.toml", PIPELINE.replace("[node.tree]", &format!("{more}[node.tree]")));
+        place.write("snapshots/four__plan.snap", text);
+        let _ = std::fs::remove_file(place.path("snapshots/four__plan.snap.new"));
+        let (code, text) = say(&place, &[&["test", "four.toml"], args].concat());
+        assert_eq!(text.contains("differs: plan\n"), code == 3, "{text}");
+        (code, files(&place))
+    };
+    let near = with(1.0 + 5e-10);
+    assert!(near != right && !near.contains(digest));
+    let (code, after) = test(&near, "", &[]);
+    assert_eq!((code, &after["four__plan.snap"]), (0, &near.replace("  digest: aa", digest)));
+    assert!(!after.contains_key("four__plan.snap.new"));
+    // Else all stays, and what is new waits.
+    let far = with(1.001);
+    for (text, more, args, code) in [
+        (&far, "", &[][..], 3),
+        (&near, "snapshot.exact = true\n", &[], 3),
+        (&near, "", &["--exact"], 3),
+        (&near, "snapshot.rel = 0\nsnapshot.abs = 0\n", &[], 3),
+        (&far, "snapshot.rel = 0.01\n", &[], 0),
+    ] {
+        let (found, after) = test(text, more, args);
+        assert_eq!((found, after.contains_key("four__plan.snap.new")), (code, code == 3), "{more} {args:?}");
+        assert_eq!(after["four__plan.snap"] == *text, code == 3, "{more} {args:?}");
+    }
+}
+
+#[test]
 fn in_ci_no_snapshot_is_touched() {
     let place = four();
     let in_ci = |value: &str| {
