@@ -184,7 +184,7 @@ fn a_snapshot_that_cannot_be_read_is_that_nodes_alone() {
             "a folder" => std::fs::create_dir(&plan).unwrap(),
             _ => {
                 std::fs::write(&plan, &right).unwrap();
-                std::fs::set_permissions(&plan, PermissionsExt::from_mode(0)).unwrap();
+                std::fs::set_permissions(&plan, PermissionsExt::from_mode(0o0)).unwrap();
                 if std::fs::read(&plan).is_ok() {
                     println!("skipped: this user may read everything");
                     continue;
