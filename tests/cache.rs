@@ -2,9 +2,15 @@
 
 mod toy;
 
+use std::collections::BTreeMap;
 use std::fs;
 
+use lodge::digest::Digest;
 use lodge::run::event::Status;
+use lodge::run::published::{self, Published};
+use lodge::run::stamp::Stamp;
+use lodge::run::store::Store;
+use lodge::run::verify::verify;
 use serde_json::json;
 use toy::{Yard, tree};
 
@@ -108,6 +114,72 @@ fn what_is_no_longer_made_goes_and_what_is_foreign_stays() {
     yard.ran();
     let names: Vec<_> = tree(&yard.out()).into_iter().map(|f| f.0).collect();
     assert_eq!(names.len(), 7 + 2, "{names:?}");
+}
+
+/// Whatever an operator calls its files, and whatever a forged note says that lies there.
+#[test]
+fn nothing_is_published_or_removed_outside_the_output_folder() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.ran();
+    let clean = tree(&yard.out());
+    let (escaped, mine) = (home.path().join("escaped"), yard.file("mine.txt", "mine"));
+    for path in ["../../escaped", "files/../../../escaped", escaped.to_str().unwrap()] {
+        yard.set("out", "path", json!(path));
+        let outcome = yard.run();
+        assert!(!outcome.ok() && outcome.errors.iter().all(|e| e.code == "outside"), "{path}: {:?}", outcome.errors);
+        assert!(!escaped.exists() && tree(&yard.out()) == clean, "{path}");
+    }
+    yard.set("out", "path", json!("files"));
+    assert_eq!(yard.ran(), [""; 0]);
+    // As if it had lain there, unchanged, with other bytes; as if it were about to be written.
+    let forge = |path: &str, planned: bool| {
+        let store = Store::open(&home.path().join(".lodge")).unwrap();
+        let (name, folder) = published::all(&store).into_iter().next().unwrap();
+        let files: Vec<Published> = folder.files.into_iter().map(|f| f.0).collect();
+        let stamp = Stamp::of_output(&mine).unwrap();
+        let bad = Published { path: path.into(), node: "gone".into(), stamp, ..Published::default() };
+        let bad = Published { digest: Digest::of(if planned { b"mine" } else { b"ours" }), ..bad };
+        let mut all: BTreeMap<&str, &Published> = files.iter().map(|f| (&*f.path, f)).collect();
+        if !planned {
+            all.insert(path, &bad);
+        }
+        let state =
+            published::write_state(&yard.graph(), &yard.out(), &all, Some(&bad).into_iter().filter(|_| planned));
+        store.put_state("published", &name, &state).unwrap();
+    };
+    for path in ["../../mine.txt", mine.to_str().unwrap()] {
+        for planned in [false, true] {
+            forge(path, planned);
+            assert_eq!(yard.ran(), [""; 0], "{path}");
+            forge(path, planned);
+            let found = verify(&Store::open(&home.path().join(".lodge")).unwrap());
+            assert_eq!(found.evicted.len(), 1, "{path}: {found:?}");
+            assert_eq!(yard.ran(), [""; 0], "{path}");
+            assert!(fs::read_to_string(&mine).unwrap() == "mine" && tree(&yard.out()) == clean, "{path}");
+        }
+    }
+}
+
+/// Somebody moved the files, and left a link to them: they are not lodge's any more.
+#[test]
+fn behind_a_link_in_place_of_a_folder_nothing_is_published_or_removed() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::diamond(home.path());
+    yard.ran();
+    let (folder, aside) = (yard.out().join("files"), home.path().join("aside"));
+    let clean = tree(&yard.out());
+    for more in [40, 0] {
+        let _ = fs::remove_dir_all(&aside);
+        fs::rename(&folder, &aside).unwrap();
+        std::os::unix::fs::symlink(&aside, &folder).unwrap();
+        let moved = tree(&aside);
+        yard.set("right", "more", json!(more));
+        yard.ran();
+        assert!(fs::symlink_metadata(&folder).unwrap().is_dir() && tree(&aside) == moved);
+        // Or fewer of them.
+        assert!(tree(&yard.out()) == clean || more == 0 && tree(&folder).len() < moved.len());
+    }
 }
 
 #[test]

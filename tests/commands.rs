@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use lodge::run::folder::Wait;
+use lodge::run::store::Store;
 use serde_json::{Value, json};
 use support::{Place, node};
 
@@ -367,10 +369,8 @@ fn events_are_lines_in_the_order_of_happening() {
     }
 }
 
-#[test]
-fn ctrl_c_is_130_and_what_is_finished_is_kept() {
-    let place = small();
-    place.write("town.geojson", town(110));
+/// `run`, and Ctrl-C once `ready` says so of the events: what it printed, and how long it took to end.
+fn interrupted(place: &Place, ready: impl Fn(&[Value]) -> bool) -> (Value, Duration) {
     let mut child = support::binary()
         .current_dir(place.dir.path())
         .env("LODGE_CACHE", place.path("cache"))
@@ -379,25 +379,91 @@ fn ctrl_c_is_130_and_what_is_finished_is_kept() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let until = Instant::now() + Duration::from_secs(60);
-    let done = |n: &str| events(&place.path("e.jsonl")).iter().any(|e| e["event"] == "node-done" && e["node"] == n);
-    while !done("read") {
+    let until = Instant::now() + Duration::from_secs(120);
+    while !ready(&events(&place.path("e.jsonl"))) {
         assert!(Instant::now() < until && child.try_wait().unwrap().is_none());
         std::thread::sleep(Duration::from_millis(2));
     }
+    // In the middle of it.
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(child.try_wait().unwrap().is_none(), "it is not long enough");
     let struck = Instant::now();
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    while child.try_wait().unwrap().is_none() {
+        if struck.elapsed() > Duration::from_secs(20) {
+            child.kill().unwrap();
+            panic!("it does not end");
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let took = struck.elapsed();
     let out = child.wait_with_output().unwrap();
+    std::fs::remove_file(place.path("e.jsonl")).unwrap();
     assert_eq!(out.status.code(), Some(130), "{out:?}");
-    assert!(struck.elapsed() < Duration::from_secs(5), "{:?}", struck.elapsed());
-    let run: Value = serde_json::from_slice(&out.stdout).unwrap();
-    assert_eq!((&run["ok"], &node(&run, "read")["status"]), (&json!(false), &json!("ran")));
-    assert_eq!(
-        (&node(&run, "out")["status"], &node(&run, "out")["because"]),
-        (&json!("skipped"), &json!("interrupted"))
-    );
-    let (code, plan) = told(&place, &["plan", "p.toml"]);
-    assert_eq!((code, &plan["nodes"][0]["status"]), (0, &json!("cached")));
+    (serde_json::from_slice(&out.stdout).unwrap(), took)
+}
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// One node looks whether it should stop, the other never does: it is left behind.
+#[test]
+fn ctrl_c_is_130_within_a_second_and_what_is_finished_is_kept() {
+    let place = Place::new();
+    let asks = "[node.read]\nop = \"concat\"\n[node.long]\nop = \"concat\"\nin.parts = \"read\"\nwork = 10000000\n\
+        [node.out]\nop = \"concat\"\nin.parts = \"long\"\npublish = \"out\"\n";
+    // Open, so that each node of the grid asks all triangles whether it is inside; some minutes of that.
+    let side = 60;
+    let height = |i: usize| ((i % side * 7 + i / side * 5) % 11) as f64 / 4.0;
+    let mut mesh: String = (0..side * side).map(|i| format!("v {} {} {}\n", i % side, i / side, height(i))).collect();
+    for i in (0..side * (side - 1)).filter(|i| i % side < side - 1) {
+        let [a, b, c, d] = [i + 1, i + 2, i + side + 2, i + side + 1];
+        mesh += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+    }
+    place.write("m.obj", mesh);
+    let voxels = "[node.read]\nop = \"read-mesh\"\npath = \"m.obj\"\n[node.out]\nop = \"voxelize\"\nin.mesh = \"read\"\nresolution = 1000\n";
+    for (file, long) in [(asks, "long"), (voxels, "out")] {
+        place.write("p.toml", file);
+        let (run, took) =
+            interrupted(&place, |all| all.iter().any(|e| e["event"] == "node-started" && e["node"] == long));
+        println!("{long}: {took:?}");
+        assert!(took < SECOND, "{long}: {took:?}");
+        assert_eq!((&run["ok"], &node(&run, "read")["status"]), (&json!(false), &json!("ran")));
+        for name in [long, "out"] {
+            let node = node(&run, name);
+            assert_eq!((&node["status"], &node["because"]), (&json!("skipped"), &json!("interrupted")));
+        }
+        let (code, plan) = told(&place, &["plan", "p.toml"]);
+        assert_eq!(
+            (code, &plan["nodes"][0]["status"], &node(&plan, long)["status"]),
+            (0, &json!("cached"), &json!("run"))
+        );
+    }
+}
+
+/// Nor does a run that waits for another one keep anybody waiting: for its outputs, for its cache.
+#[test]
+fn ctrl_c_ends_a_run_that_waits() {
+    let place = small();
+    let out = std::fs::canonicalize(place.dir.path()).unwrap().join("out/p");
+    std::fs::create_dir_all(&out).unwrap();
+    let waits = |all: &[Value]| all.iter().any(|e| e["event"] == "waiting" && e["process"] == std::process::id());
+    {
+        let folder = std::fs::File::open(&out).unwrap();
+        folder.lock().unwrap();
+        let (run, took) = interrupted(&place, waits);
+        assert!(took < SECOND, "{took:?}");
+        assert_eq!((&run["files"], &run["nodes"][3]["status"]), (&json!([]), &json!("ran")));
+    }
+    {
+        let (tell, stop) = (&mut |_| (), &false.into());
+        let _alone = Store::open_alone(&place.path("cache"), &mut Wait { tell, stop }).unwrap();
+        let (run, took) = interrupted(&place, waits);
+        assert!(took < SECOND, "{took:?}");
+        assert_eq!(run["nodes"], json!([]));
+    }
+    let run = place.lodge_json(&["run", "p.toml"]);
+    assert!(run["nodes"].as_array().unwrap().iter().all(|n| n["status"] == "cached"));
+    assert_eq!(run["files"][0]["written"], true);
 }
 
 /// A material library that is missing, comes, changes and goes is noticed by a rerun that reads nothing else.

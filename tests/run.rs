@@ -70,6 +70,79 @@ fn a_stopped_run_keeps_what_is_finished() {
     assert_eq!(yard.ran(), ["both", "out"]);
 }
 
+/// Whoever presses Ctrl-C does not wait for a disk.
+#[test]
+fn a_stopped_run_does_not_wait_for_the_disk() {
+    let home = tempfile::tempdir().unwrap();
+    let yard = Yard::diamond(home.path());
+    let mut options = yard.options();
+    options.sync = true;
+    let stop = options.stop.clone();
+    let outcome = lodge::run::run(&yard.graph(), &[], &options, &mut |event| {
+        if let lodge::run::event::Event::NodeDone { node, .. } = event
+            && node == "read"
+        {
+            stop.store(true, std::sync::atomic::Ordering::SeqCst);
+            // Which cannot be synced.
+            for pack in std::fs::read_dir(home.path().join(".lodge/packs")).unwrap() {
+                let path = pack.unwrap().path();
+                std::fs::remove_file(&path).unwrap();
+                std::fs::create_dir(&path).unwrap();
+            }
+        }
+    });
+    assert!(outcome.interrupted && yard.names(&outcome, Status::Ran).contains(&"read".to_string()));
+    assert_eq!(outcome.warnings, [""; 0]);
+}
+
+/// Small nodes, and some that take five times as much because their input is large: the estimates of those at work
+/// never sum to more than the budget, and what is larger than that runs alone and is told.
+#[test]
+fn what_is_at_work_fits_the_budget() {
+    let home = tempfile::tempdir().unwrap();
+    let mut yard = Yard::new(home.path());
+    let large = yard.node("large", "toy-add", json!({"more": 600_000}), &[]);
+    for i in 0..4 {
+        yard.node(&format!("small-{i}"), "toy-add", json!({"add": i, "slow-ms": 20}), &[]);
+        yard.node(&format!("heavy-{i}"), "toy-add", json!({"add": i, "slow-ms": 20}), &[large]);
+    }
+    // By budget: the most that was at work at once, in bytes and nodes.
+    let most = |budget: u64| {
+        std::fs::remove_dir_all(home.path().join(".lodge")).unwrap_or_default();
+        let graph = yard.graph();
+        let mut options = yard.options();
+        (options.jobs, options.memory) = (8, Some(budget));
+        let mut bytes = vec![0; graph.nodes.len()];
+        let mut at_work = std::collections::BTreeMap::new();
+        let mut peak = (0, 0);
+        let outcome = lodge::run::run(&graph, &[], &options, &mut |event| match event {
+            lodge::run::event::Event::NodeStarted { node, .. } => {
+                let n = graph.nodes.iter().position(|n| n.name == *node).unwrap();
+                let inputs = graph.nodes[n].inputs.iter().flatten().map(|&i| bytes[i]).sum();
+                at_work.insert(node.clone(), graph.nodes[n].op.estimate(inputs));
+                peak = (at_work.values().sum::<u64>().max(peak.0), at_work.len().max(peak.1));
+            }
+            lodge::run::event::Event::NodeDone { node, bytes: size, .. } => {
+                bytes[graph.nodes.iter().position(|n| n.name == *node).unwrap()] = *size;
+                at_work.remove(node);
+            }
+            _ => {}
+        });
+        assert!(outcome.ok() && yard.names(&outcome, Status::Ran).len() == 9);
+        let alone = outcome.warnings.iter().filter(|w| w.contains("it runs alone")).count();
+        (peak.0, peak.1, alone)
+    };
+    const MIB: u64 = 1 << 20;
+    let (sum, _, alone) = most(1 << 40);
+    assert!(sum > 60 * MIB && alone == 0, "all at once: {sum}");
+    for (budget, heavy) in [(60 * MIB, 0), (30 * MIB, 0), (12 * MIB, 4)] {
+        let (sum, nodes, alone) = most(budget);
+        assert!(alone == heavy && nodes > 1, "{budget}: {nodes} nodes, {alone} alone");
+        assert!(sum <= budget || heavy > 0 && sum < 30 * MIB, "{budget}: {sum}");
+    }
+    assert_eq!((most(1).1, most(1).2), (1, 9));
+}
+
 #[test]
 fn rejects_fail_a_node_also_on_a_hit() {
     let home = tempfile::tempdir().unwrap();

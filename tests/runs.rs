@@ -156,6 +156,11 @@ fn a_failed_node_has_its_error() {
     let (read, out) = (node(&diff, "read"), node(&diff, "out"));
     assert_eq!((&read["what"], &read["new"]["status"]), (&json!("status"), &json!("failed")));
     assert_eq!((&out["new"]["status"], &out["new"]["because"]), (&json!("skipped"), &json!("read")));
+    // Another error of it is another state, what is skipped because of it is as it was.
+    place.write("town.geojson", "{\"type\": \"FeatureCollection\", \"features\": 7}");
+    told(&place, &["run", "p.toml"]);
+    let (_, diff) = told(&place, &["diff", "p-2", "p-3"]);
+    assert_eq!(["read", "out"].map(|n| &node(&diff, n)["what"]), ["status", "same"]);
     assert_eq!(
         told(&place, &["diff", "p-2", "p-2"]).1["nodes"]
             .as_array()

@@ -159,7 +159,65 @@ fn hostile_files_among_the_snapshots_stop_nothing() {
     std::fs::remove_file(at("four__plan.snap")).unwrap();
     nix::unistd::mkfifo(&at("four__plan.snap"), nix::sys::stat::Mode::S_IRWXU).unwrap();
     let (code, text) = say(&place, &["test", "four.toml"]);
-    assert!(code == 1 && text.contains("four__plan.snap: it is not a regular file"), "{code} {text}");
+    assert!(code == 3 && text.contains("four__plan.snap: it is not a regular file"), "{code} {text}");
+}
+
+/// It is named, and the stages of all others are compared.
+#[cfg(unix)]
+#[test]
+fn a_snapshot_that_cannot_be_read_is_that_nodes_alone() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    say(&place, &["accept"]);
+    let at = |name: &str| place.path("snapshots").join(name);
+    let (plan, tree) = (at("four__plan.snap"), at("four__tree-min-distance-0.01.snap"));
+    let (right, other) = (std::fs::read_to_string(&plan).unwrap(), std::fs::read_to_string(&tree).unwrap());
+    std::fs::write(&tree, other.replace("leaves: 4", "leaves: 5")).unwrap();
+    let remove = || {
+        let _ = std::fs::remove_file(&plan).or_else(|_| std::fs::remove_dir(&plan));
+    };
+    for (what, word) in [("bytes", "UTF-8"), ("a folder", "not a regular file"), ("locked", "ermission denied")] {
+        remove();
+        match what {
+            "bytes" => std::fs::write(&plan, b"---\n\xff").unwrap(),
+            "a folder" => std::fs::create_dir(&plan).unwrap(),
+            _ => {
+                std::fs::write(&plan, &right).unwrap();
+                std::fs::set_permissions(&plan, PermissionsExt::from_mode(0o0)).unwrap();
+                if std::fs::read(&plan).is_ok() {
+                    println!("skipped: this user may read everything");
+                    continue;
+                }
+            }
+        }
+        let (code, text) = say(&place, &["test", "four.toml"]);
+        assert!(code == 3 && text.contains("3 stages, 1 as they were, 1 differ, 1 cannot be read"), "{what}: {text}");
+        assert!(text.contains("four__plan.snap: ") && text.contains(word) && text.contains("put it back"), "{text}");
+        assert!(text.contains("differs: tree[min-distance=0.01]\n"), "{what}: {text}");
+        let done = place.lodge(&["--json", "test", "four.toml"]);
+        let told: Value = serde_json::from_slice(&done.stdout).unwrap();
+        let verdicts: Vec<&Value> =
+            told["pipelines"][0]["stages"].as_array().unwrap().iter().map(|s| &s["verdict"]).collect();
+        assert_eq!((done.status.code(), &told["ok"]), (Some(3), &json!(false)));
+        assert_eq!(verdicts, ["unreadable", "differs", "same"]);
+        let wrong = told["diagnostics"].as_array().unwrap();
+        assert!(wrong.len() == 1 && wrong[0]["node"] == "plan" && wrong[0].to_string().contains(word), "{told}");
+        // Nothing waits in its place: what is wrong there is for a person.
+        assert!(!at("four__plan.snap.new").exists() && at("four__tree-min-distance-0.01.snap.new").exists());
+    }
+    remove();
+    let (code, text) = say(&place, &["test", "four.toml"]);
+    assert!(code == 3 && text.contains("3 stages, 1 as they were, 1 differ, 1 new"), "{text}");
+
+    // What cannot be written is a failure, and the others are written.
+    for name in ["four__plan.snap.new", "four__tree-min-distance-0.01.snap.new"] {
+        std::fs::remove_file(at(name)).unwrap();
+    }
+    std::fs::create_dir(at("four__plan.snap.new")).unwrap();
+    let (code, text) = say(&place, &["test", "four.toml"]);
+    assert!(code == 1 && text.contains("cannot write beside") && text.contains("four__plan.snap: "), "{code} {text}");
+    assert!(text.contains("1 differ, 1 new") && at("four__tree-min-distance-0.01.snap.new").is_file(), "{text}");
 }
 
 /// Only what was shown is accepted.
@@ -325,6 +383,51 @@ fn snapshots_without_a_stage_are_told_and_fail_in_ci_and_stay() {
     let json = place.lodge_json(&["test", "four.toml"]);
     assert_eq!(json["pipelines"][0]["orphans"].as_array().unwrap().len(), 1, "{json}");
     assert_eq!(files(&place), before);
+}
+
+#[test]
+fn numbers_within_the_tolerance_keep_the_old_text_beside_the_new_digest() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    say(&place, &["accept"]);
+    let right = files(&place)["four__plan.snap"].clone();
+    let digest = right.lines().find(|l| l.starts_with("  digest: ")).unwrap();
+    // The first measure of the summary, a little or much larger, and another digest.
+    let (line, area) = right
+        .lines()
+        .rev()
+        .find_map(|l| Some((l, l.split_once(": ")?.1.parse::<f64>().ok().filter(|_| l.contains('.'))?)))
+        .unwrap();
+    let with = |factor: f64| {
+        let (name, _) = line.split_once(": ").unwrap();
+        right.replace(line, &format!("{name}: {}", area * factor)).replace(digest, "  digest: aa")
+    };
+    let test = |text: &str, more: &str, args: &[&str]| {
+        place.write("four.toml", PIPELINE.replace("[node.tree]", &format!("{more}[node.tree]")));
+        place.write("snapshots/four__plan.snap", text);
+        let _ = std::fs::remove_file(place.path("snapshots/four__plan.snap.new"));
+        let (code, text) = say(&place, &[&["test", "four.toml"], args].concat());
+        assert_eq!(text.contains("differs: plan\n"), code == 3, "{text}");
+        (code, files(&place))
+    };
+    let near = with(1.0 + 5e-10);
+    assert!(near != right && !near.contains(digest));
+    let (code, after) = test(&near, "", &[]);
+    assert_eq!((code, &after["four__plan.snap"]), (0, &near.replace("  digest: aa", digest)));
+    assert!(!after.contains_key("four__plan.snap.new"));
+    // Else all stays, and what is new waits.
+    let far = with(1.001);
+    for (text, more, args, code) in [
+        (&far, "", &[][..], 3),
+        (&near, "snapshot.exact = true\n", &[], 3),
+        (&near, "", &["--exact"], 3),
+        (&near, "snapshot.rel = 0\nsnapshot.abs = 0\n", &[], 3),
+        (&far, "snapshot.rel = 0.01\n", &[], 0),
+    ] {
+        let (found, after) = test(text, more, args);
+        assert_eq!((found, after.contains_key("four__plan.snap.new")), (code, code == 3), "{more} {args:?}");
+        assert_eq!(after["four__plan.snap"] == *text, code == 3, "{more} {args:?}");
+    }
 }
 
 #[test]

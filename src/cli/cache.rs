@@ -109,6 +109,7 @@ impl Gc {
         if globals.json {
             super::print(&json!({"ok": exit == Exit::Done, "cache": place.cache, "dry_run": self.dry_run,
                 "removed_results": swept.results, "removed_objects": swept.objects, "removed_plans": swept.plans,
+                "removed_stamps": swept.stamps,
                 "gone": swept.gone, "bytes_before": swept.before, "bytes": swept.after, "needed_bytes": swept.needed}));
             return Ok(exit);
         }

@@ -44,6 +44,8 @@ pub fn events() -> String {
 }
 
 const KEBAB: &str = "^[a-z0-9]+(-[a-z0-9]+)*$";
+/// No path below the output folder.
+pub const OUTSIDE: &str = r"^$|^\.$|^/|(^|/)\.\.(/|$)|\\|[\u0000-\u001f\u007f]";
 
 fn schema(registry: &Registry) -> Value {
     let mut entries: Vec<&Entry> = registry.shown().collect();
@@ -111,7 +113,9 @@ fn operator(entry: &Entry) -> Value {
     let params: Map<String, Value> = params.iter().map(|(name, p)| (name.clone(), parameter(p))).collect();
     let lists: Map<String, Value> = params
         .iter()
-        .map(|(k, p)| (k.clone(), or_reference(json!({"type": "array", "minItems": 1, "items": p}))))
+        .map(|(k, p)| {
+            (k.clone(), or_reference(json!({"type": "array", "minItems": 1, "uniqueItems": true, "items": p})))
+        })
         .collect();
     let mut properties = own_words();
     let doc = schema["description"].as_str().unwrap_or_default();
@@ -129,7 +133,7 @@ fn operator(entry: &Entry) -> Value {
     );
     properties.insert(
         "variants".into(),
-        json!({"type": "array", "minItems": 1, "description": "a variant for each entry",
+        json!({"type": "array", "minItems": 1, "uniqueItems": true, "description": "a variant for each entry",
             "items": {"type": "object", "minProperties": 1, "additionalProperties": false, "properties": params.clone()}}),
     );
     properties.extend(params);
@@ -194,7 +198,11 @@ fn plain(schema: &Value) -> Value {
     let mut out = Map::new();
     for (word, value) in from {
         let value = match (word.as_str(), value) {
-            ("x-unit" | "x-file" | "x-required" | "x-output" | "default" | "description" | "title", _) => continue,
+            ("x-unit" | "x-file" | "x-required" | "default" | "description" | "title", _) => continue,
+            ("x-output", _) => {
+                out.insert("not".into(), json!({"pattern": OUTSIDE}));
+                continue;
+            }
             ("const", one) => {
                 out.insert("enum".into(), json!([one]));
                 continue;

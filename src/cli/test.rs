@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use super::engine::{self, Place};
 use super::pending::{difference, indented};
 use super::progress::Teller;
-use super::{Exit, Globals, Outcome, Set, Stop, Target, render};
-use crate::diag::Diagnostic;
+use super::{Exit, Globals, Outcome, Set, Target, render};
+use crate::diag::{Diagnostic, Diagnostics};
 use crate::graph::Graph;
 use crate::run::record::Record;
 use crate::run::snapshot::{self, Rules, Stage, Verdict};
@@ -44,7 +44,7 @@ impl Args {
         }
         let mut teller = Teller::new(globals);
         let mut exit = Exit::Done;
-        let mut told = Vec::new();
+        let (mut told, mut all_wrong) = (Vec::new(), Vec::new());
         for (file, graph) in graphs {
             let place = Place::of(globals, &file);
             let mut options = engine::options(globals, &place);
@@ -55,11 +55,14 @@ impl Args {
             let errors = [errors, outcome.errors.clone()].concat();
             eprint!("{}", render::text(&errors, render::Style::for_stderr()));
 
-            let mut stages = Vec::new();
+            let (mut stages, mut wrong) = (Vec::new(), Vec::new());
             for node in &outcome.nodes {
                 if let Some(record) = node.record.as_ref().filter(|_| graph.nodes[node.index].snapshot.on) {
-                    stages.push((node.index, compare(&graph, node.index, record, rules)?));
+                    stages.push((node.index, compare(&graph, node.index, record, rules, &mut wrong)));
                 }
+            }
+            if wrong.iter().any(|d| d.code == "cannot-write") {
+                exit = exit.and(Exit::Failed);
             }
             // With `--set` other variants than the file's may be there: that tells nothing about the files of these.
             let orphans = if self.set.sets.is_empty() { snapshot::orphans(&graph) } else { Vec::new() };
@@ -69,12 +72,20 @@ impl Args {
             exit = if fails { exit.and(Exit::Differs) } else { exit };
             if globals.json {
                 told.push(to_json(&graph, &stages, &orphans));
-            } else if !globals.quiet || fails {
+                all_wrong.extend(wrong);
+                continue;
+            }
+            eprint!("{}", render::text(&wrong, render::Style::for_stderr()));
+            if !globals.quiet || fails {
                 super::say(&to_text(&graph, &stages, &orphans, rules));
             }
         }
         if globals.json {
-            super::print(&json!({"ok": exit == Exit::Done, "pipelines": told}));
+            let mut told = json!({"ok": exit == Exit::Done, "pipelines": told});
+            if !all_wrong.is_empty() {
+                told["diagnostics"] = render::all_json(&all_wrong);
+            }
+            super::print(&told);
         }
         Ok(exit)
     }
@@ -85,7 +96,8 @@ fn in_ci() -> bool {
     std::env::var("CI").is_ok_and(|v| !["", "0", "false"].contains(&v.as_str()))
 }
 
-fn compare(graph: &Graph, node: usize, record: &Record, rules: Rules) -> Result<Verdict, Stop> {
+/// What cannot be read or written is `wrong`, and stops none of the others.
+fn compare(graph: &Graph, node: usize, record: &Record, rules: Rules, wrong: &mut Diagnostics) -> Verdict {
     let frame = serde_json::from_str(&record.frame).unwrap_or(Value::Null);
     let summary = record.summary();
     let stage = Stage {
@@ -96,16 +108,23 @@ fn compare(graph: &Graph, node: usize, record: &Record, rules: Rules) -> Result<
         warnings: &record.warnings,
     };
     let node = &graph.nodes[node];
-    snapshot::check(graph, node, &stage, rules).map_err(|e| {
-        let path = snapshot::path(graph, &node.name);
-        Stop::from(Diagnostic::error("snapshot", format!("{}: {e}", path.display())).node(&node.name))
-    })
+    let (verdict, written) = snapshot::check(graph, node, &stage, rules);
+    let path = snapshot::path(graph, &node.name);
+    if let Verdict::Unreadable { why } = &verdict {
+        let error = Diagnostic::error("snapshot", format!("{}: {why}", path.display())).node(&node.name);
+        wrong.push(error.help("put it back, or remove it: then the stage is new"));
+    }
+    if let Err(error) = written {
+        let message = format!("cannot write beside {}: {error}", path.display());
+        wrong.push(Diagnostic::error("cannot-write", message).node(&node.name));
+    }
+    verdict
 }
 
 /// A line for each stage that is not as it was, with the difference; then how many there are.
 fn to_text(graph: &Graph, stages: &[(usize, Verdict)], orphans: &[PathBuf], rules: Rules) -> String {
     let mut out = String::new();
-    let [mut new, mut differ] = [0, 0];
+    let [mut new, mut differ, mut unreadable] = [0, 0, 0];
     for (node, verdict) in stages {
         let name = &graph.nodes[*node].name;
         match verdict {
@@ -118,13 +137,16 @@ fn to_text(graph: &Graph, stages: &[(usize, Verdict)], orphans: &[PathBuf], rule
                 differ += 1;
                 out += &format!("differs: {name}\n{}\n", indented(&difference(old, new)));
             }
+            // Said already, with its file.
+            Verdict::Unreadable { .. } => unreadable += 1,
         }
     }
     for path in orphans {
         out += &format!("no such stage any more: {} (delete it)\n", path.display());
     }
-    out += &format!("{}: {} stages, {} as they were", graph.name, stages.len(), stages.len() - new - differ);
-    for (count, what) in [(differ, "differ"), (new, "new")] {
+    out +=
+        &format!("{}: {} stages, {} as they were", graph.name, stages.len(), stages.len() - new - differ - unreadable);
+    for (count, what) in [(differ, "differ"), (new, "new"), (unreadable, "cannot be read")] {
         if count > 0 {
             out += &format!(", {count} {what}");
         }
@@ -142,6 +164,7 @@ fn to_json(graph: &Graph, stages: &[(usize, Verdict)], orphans: &[PathBuf]) -> V
             Verdict::Same => "same",
             Verdict::New { .. } => "new",
             Verdict::Differs { .. } => "differs",
+            Verdict::Unreadable { .. } => "unreadable",
         };
         let mut out = json!({"name": name, "verdict": told, "snapshot": snapshot::path(graph, name)});
         if let Verdict::Differs { old, new } = verdict {

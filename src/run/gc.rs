@@ -14,6 +14,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use super::folder::open;
 use super::needs::{self, Needs};
 use super::pack::{self, Frame, HEAD, What};
+use super::stamp::Stamps;
 use super::store::Store;
 use super::{history, plan, verify};
 use crate::digest::Digest;
@@ -33,6 +34,8 @@ pub struct Swept {
     pub results: u64,
     pub objects: u64,
     pub plans: u64,
+    /// Of input files that are gone or others by now, and of those that nothing here was read from.
+    pub stamps: u64,
     /// Pipelines whose files are gone.
     pub gone: BTreeSet<PathBuf>,
     /// Of the cache before and after.
@@ -96,6 +99,12 @@ pub fn gc(store: &Store, wish: &Wish, dry: bool, stop: &AtomicBool) -> io::Resul
         if history::load(store, &name).is_some_and(|run| needs::is_gone(Path::new(&run.file))) {
             remove(&store.state("history", &name))?;
         }
+    }
+
+    let mut stamps = Stamps::load(store);
+    swept.stamps = stamps.keep(&needs.files);
+    if !dry {
+        stamps.save(store);
     }
 
     // (3) Packs, the newest first.
@@ -192,8 +201,7 @@ fn keep_more(
             if wish.size.is_some_and(|most| all > most) {
                 return;
             }
-            needs.objects.extend(more);
-            needs.results.insert(frame.name);
+            needs.keep(frame.name, &record, more);
         }
     }
 }

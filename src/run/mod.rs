@@ -175,7 +175,9 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
         }
     }
     outcome.seconds = started.elapsed().as_secs_f64();
-    if let Some(Err(error)) = opened.filter(|_| options.sync).map(|store| store.sync()) {
+    // Whoever interrupts does not wait for a disk: what is kept is written by the kernel, and checked when it is read.
+    let wait = options.sync && !outcome.interrupted;
+    if let Some(Err(error)) = opened.filter(|_| wait).map(|store| store.sync()) {
         let text = format!("results may be lost if the power fails now: {error}");
         observer(&Event::Warning { node: None, text: text.clone() });
         outcome.warnings.push(text);

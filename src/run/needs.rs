@@ -16,6 +16,8 @@ pub struct Needs {
     /// Keys.
     pub results: BTreeSet<Digest>,
     pub objects: BTreeSet<Digest>,
+    /// Digests of the files that they were read from.
+    pub files: BTreeSet<Digest>,
     /// Keys that last runs had and that have no result here, or none that is whole.
     pub missing: BTreeSet<Digest>,
     /// What goes with the pipelines: state files as folder and name.
@@ -54,12 +56,17 @@ impl Needs {
             return;
         }
         match store.lookup(key) {
-            Some(record) => {
-                self.objects.extend(objects_of(store, &record));
-                self.results.insert(*key);
-            }
+            Some(record) => self.keep(*key, &record, objects_of(store, &record)),
             None => _ = self.missing.insert(*key),
         }
+    }
+
+    /// The same of a record and its objects.
+    pub fn keep(&mut self, key: Digest, record: &Record, objects: impl IntoIterator<Item = Digest>) {
+        let files = record.lines.iter().filter(|(name, _)| name.starts_with("file."));
+        self.files.extend(files.filter_map(|(_, digest)| Digest::parse(digest)));
+        self.objects.extend(objects);
+        self.results.insert(key);
     }
 }
 

@@ -145,9 +145,10 @@ impl<'a, 'o> Loop<'a, 'o> {
         }
     }
 
-    /// After a stop: what is at work may still finish, for a moment.
+    /// After a stop: what is at work may still finish, for a moment. The run is to end within a second, also on a machine
+    /// that has much else to do.
     fn land(&mut self) {
-        let until = Instant::now() + Duration::from_millis(600);
+        let until = Instant::now() + Duration::from_millis(400);
         while !self.flights.is_empty() && Instant::now() < until {
             if let Some(end) = self.executor.next(Duration::from_millis(10)) {
                 self.ended(end);

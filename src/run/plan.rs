@@ -317,3 +317,36 @@ fn published(from: &mut Reader) -> Option<Published> {
     let (bytes, digest, stamp) = (from.u64()?, from.digest()?, Stamp::read(from)?);
     Some(Published { path, digest, bytes, written: false, stamp, node })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plan_of_another_question_or_another_time_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let (cache, none) = (folder.path(), Vec::new);
+        let one = Identity { file: "a".into(), sets: none(), only: none(), out: "out".into(), build: "1".into() };
+        std::fs::create_dir(cache.join("plans")).unwrap();
+        let replays = |asked: &Identity, since: &str| {
+            let mut out = Writer::default();
+            out.digest(&asked.digest());
+            out.text(since);
+            // Without nodes, files, patterns, rows.
+            (0..4).for_each(|_| out.u32(0));
+            std::fs::write(one.path(cache), join([&out.0, b"", b""])).unwrap();
+            replay(cache, &one).is_some()
+        };
+        assert!(replays(&one, &boot()));
+        assert!(!replays(&one, "another time"));
+        for other in [
+            Identity { file: "b".into(), ..one.clone() },
+            Identity { sets: vec!["a=1".into()], ..one.clone() },
+            Identity { only: vec!["a".into()], ..one.clone() },
+            Identity { out: "o".into(), ..one.clone() },
+            Identity { build: "2".into(), ..one.clone() },
+        ] {
+            assert!(!replays(&other, &boot()), "{other:?}");
+        }
+    }
+}

@@ -3,9 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
 
 use rayon::prelude::*;
 
@@ -13,7 +15,7 @@ use super::Options;
 use super::event::{Event, Observer};
 use super::executor::decode;
 use super::lock;
-use super::published::{Published, State, note, state_name, write_state};
+use super::published::{Published, State, is_below, note, state_name, write_state};
 use super::record::Record;
 use super::stamp::{self, Stamp};
 use super::store::Store;
@@ -58,7 +60,8 @@ pub fn publish(
         return found;
     }
     // What was published is read and noted under the lock: of two runs at once the second sees all of the first's.
-    let result = lock(out, observer).and_then(|guard| {
+    let result = lock(out, &options.stop, observer).and_then(|guard| {
+        let Some(guard) = guard else { return Ok(found.interrupted = true) };
         let state = State::read(store, &name);
         let (verify, stop, remote) = (options.verify, &*options.stop, stamp::is_remote(out));
         let work = Work { out, store, before: &state.before, verify, remote, stop, folders: Mutex::default() };
@@ -88,16 +91,25 @@ fn nodes_of<'a>(graph: &'a Graph, ready: &[(usize, Arc<Record>)]) -> (BTreeSet<&
     (fresh, graph.nodes.iter().map(|n| &*n.name).collect())
 }
 
-/// One run at a time per folder, whichever cache it has; the kernel frees the lock.
-fn lock(out: &Path, observer: &mut Observer) -> io::Result<File> {
+/// One run at a time per folder, whichever cache it has; the kernel frees the lock. None where the run is interrupted
+/// while it waits.
+fn lock(out: &Path, stop: &AtomicBool, observer: &mut Observer) -> io::Result<Option<File>> {
     fs::create_dir_all(out)?;
     let folder = File::open(out)?;
-    if let Err(fs::TryLockError::WouldBlock) = folder.try_lock() {
-        let on = lock::holder_of(&folder);
-        observer(&Event::Waiting { what: out.display().to_string(), on });
-        folder.lock()?;
+    let mut told = false;
+    // Not `File::lock`: that hears no Ctrl-C.
+    while let Err(fs::TryLockError::WouldBlock) = folder.try_lock() {
+        if !told {
+            let on = lock::holder_of(&folder);
+            observer(&Event::Waiting { what: out.display().to_string(), on });
+            told = true;
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        thread::sleep(Duration::from_millis(2));
     }
-    Ok(folder)
+    Ok(Some(folder))
 }
 
 struct Work<'a> {
@@ -185,7 +197,7 @@ impl Work<'_> {
         // (3) Remove what a killed run left half, and what the last run published and this one does not make, unless somebody changed it.
         let (fresh, known) = nodes_of(graph, ready);
         let made: BTreeSet<&str> = found.files.iter().map(|f| &*f.path).collect();
-        for old in state.planned.iter().filter(|old| is_below(&old.path)) {
+        for old in &state.planned {
             let path = half(&self.out.join(&old.path));
             if self.parents_are_folders(&path) {
                 let _ = fs::remove_file(path);
@@ -193,7 +205,7 @@ impl Work<'_> {
         }
         for old in self.before.values().chain(&state.planned) {
             let gone = fresh.contains(&*old.node) || !known.contains(&*old.node);
-            if gone && !made.contains(&*old.path) && is_below(&old.path) {
+            if gone && !made.contains(&*old.path) {
                 self.remove(old, observer);
             }
         }
@@ -209,7 +221,10 @@ impl Work<'_> {
         if let Some(stamp) = self.unchanged(&path, file) {
             return Ok(End::Unchanged(stamp));
         }
-        Ok(self.write(&path, &file.blob.digest)?.map_or(End::Lost, End::Written))
+        match self.write(&path, &file.blob.digest) {
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => Ok(End::Stopped),
+            written => Ok(written?.map_or(End::Lost, End::Written)),
+        }
     }
 
     /// The stamp of a file that is there as it should be.
@@ -235,7 +250,8 @@ impl Work<'_> {
         parents.into_iter().all(|p| fs::symlink_metadata(p).is_ok_and(|m| m.is_dir()))
     }
 
-    /// A verified copy of an object under a fresh name, then in place; none if the object is lost.
+    /// A verified copy of an object under a fresh name, then in place; none if the object is lost. An error of kind
+    /// `Interrupted` where the run is: the file may be large.
     fn write(&self, path: &Path, digest: &Digest) -> io::Result<Option<Stamp>> {
         let folder = path.parent().expect("published files lie in a folder");
         self.make_folder(folder)?;
@@ -243,7 +259,10 @@ impl Work<'_> {
         let mut fresh = self.store.fresh();
         for attempt in 0..2 {
             let mut file = OpenOptions::new().write(true).create_new(true).open(&fresh)?;
-            let read = self.store.read(digest, &mut |piece| file.write_all(piece));
+            let read = self.store.read(digest, &mut |piece| match self.stop.load(Ordering::Relaxed) {
+                true => Err(io::ErrorKind::Interrupted.into()),
+                false => file.write_all(piece),
+            });
             let before = Stamp::of_file(&file)?;
             drop(file);
             if !matches!(read, Ok(Some(_))) {
@@ -316,16 +335,39 @@ fn half(path: &Path) -> PathBuf {
     path.with_file_name(format!(".lodge-{}", Digest::of(name.as_encoded_bytes()).short(12)))
 }
 
-/// Relative, and never upwards.
-fn is_below(path: &str) -> bool {
-    let path = Path::new(path);
-    path.components().next().is_some() && path.components().all(|c| matches!(c, Component::Normal(_)))
-}
-
 /// Puts a published file back from its object; false where that is lost.
 pub fn restore(store: &Store, out: &Path, file: &Published) -> io::Result<bool> {
     let before = BTreeMap::new();
     let (stop, folders) = (&AtomicBool::new(false), Mutex::default());
     let work = Work { out, store, before: &before, verify: true, remote: false, stop, folders };
     Ok(work.write(&out.join(&file.path), &file.digest)?.is_some())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interrupted_copy_leaves_nothing() {
+        let home = tempfile::tempdir().unwrap();
+        let store = Store::open(&home.path().join("cache")).unwrap();
+        let (small, large) = (vec![1; 100], vec![2; crate::run::store::SMALL as usize + 1]);
+        let (before, out) = (BTreeMap::new(), home.path().join("out"));
+        fs::create_dir(&out).unwrap();
+        for bytes in [small, large] {
+            let digest = store.put(&[(&bytes[..]).into()]).unwrap().digest;
+            let stop = AtomicBool::new(true);
+            let folders = Mutex::default();
+            let work =
+                Work { out: &out, store: &store, before: &before, verify: false, remote: false, stop: &stop, folders };
+            let path = out.join("a");
+            assert_eq!(work.write(&path, &digest).unwrap_err().kind(), io::ErrorKind::Interrupted);
+            let left = fs::read_dir(store.fresh().parent().unwrap()).unwrap().count();
+            assert!(left == 0 && !path.exists());
+            stop.store(false, Ordering::Relaxed);
+            assert!(work.write(&path, &digest).unwrap().is_some());
+            assert!(fs::read(&path).unwrap() == bytes);
+            fs::remove_file(path).unwrap();
+        }
+    }
 }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::codec::{Reader, Writer};
 use super::stamp::{Stamp, boot};
@@ -79,7 +79,13 @@ pub struct Folder {
     pub files: Vec<(Published, bool)>,
 }
 
-/// The state of this name, if it is whole.
+/// Relative, and never upwards.
+pub fn is_below(path: &str) -> bool {
+    let path = Path::new(path);
+    path.components().next().is_some() && path.components().all(|c| matches!(c, Component::Normal(_)))
+}
+
+/// The state of this name, if it is whole, and tells of nothing outside its folder.
 pub fn parse(bytes: &[u8], name: &str) -> Option<Folder> {
     let mut from = Reader::unseal(bytes, TAG)?;
     // A reboot may have lost what was written without waiting for the disk.
@@ -92,6 +98,7 @@ pub fn parse(bytes: &[u8], name: &str) -> Option<Folder> {
         let (path, node) = (f.text()?.to_string(), f.text()?.to_string());
         let (digest, bytes, stamp) = (f.digest()?, f.u64()?, Stamp::read(f)?);
         let stamp = if same_boot { stamp } else { Stamp::default() };
+        is_below(&path).then_some(())?;
         Some((Published { path, digest, bytes, written: false, stamp, node }, f.u32()? != 0))
     })?;
     Some(Folder { pipeline: pipeline.into(), out: out.into(), files })
@@ -153,5 +160,20 @@ mod tests {
         let bytes = write_state(&graph, &out, &[("a", &file)].into(), std::iter::empty());
         assert_eq!(parse(&bytes, &name).unwrap().files.len(), 1);
         assert!(parse(&bytes, &state_name(&graph, folder.path())).is_none());
+
+        // Before the machine was started again the file was as noted; now it has to be read.
+        let stamp = Stamp::of_folder(folder.path()).unwrap();
+        for (since, known) in [(boot(), true), ("another time".to_string(), false)] {
+            let mut note = Writer::default();
+            [&since, "/p.toml", &absolute(&out).to_string_lossy()].iter().for_each(|text| note.text(text));
+            note.u32(1);
+            ["a", "node"].iter().for_each(|text| note.text(text));
+            note.digest(&file.digest);
+            note.u64(1);
+            stamp.write(&mut note);
+            note.u32(0);
+            let found = parse(&note.sealed(TAG), &name).unwrap().files;
+            assert_eq!(found[0].0.stamp.same(&stamp), known, "{since}");
+        }
     }
 }

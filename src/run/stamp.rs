@@ -113,6 +113,13 @@ impl Stamp {
         self
     }
 
+    /// As if it had been taken so long after the file's last change.
+    #[cfg(test)]
+    pub fn taken_after(mut self, nanos: i64) -> Self {
+        self.taken = self.ctime + nanos;
+        self
+    }
+
     /// Of a file that was looked at, and then renamed by us: whether nobody wrote to it between the two looks.
     pub fn is_renamed(&self, before: &Self) -> bool {
         (self.device, self.inode, self.size, self.mtime) == (before.device, before.inode, before.size, before.mtime)
@@ -232,6 +239,18 @@ impl Stamps {
         self.changed = true;
     }
 
+    /// Drops those that can tell nothing any more: of files that are no longer as they were, and of files other than
+    /// `wanted`. How many went.
+    pub fn keep(&mut self, wanted: &BTreeSet<Digest>) -> u64 {
+        let before = self.known.len();
+        self.known.retain(|path, (stamp, digest)| {
+            wanted.contains(digest) && Stamp::of_input(path).is_ok_and(|now| now.same(stamp))
+        });
+        let gone = (before - self.known.len()) as u64;
+        self.changed |= gone > 0;
+        gone
+    }
+
     pub fn save(&self, store: &Store) {
         if !self.changed {
             return;
@@ -295,6 +314,64 @@ fn hash(file: &mut File) -> io::Result<Digest> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_word_of_the_file_system_counts() {
+        let one = Stamp { device: 1, inode: 2, size: 3, mtime: 4, ctime: 5, taken: 6, fine: false };
+        assert!(one.same(&Stamp { taken: 7, fine: true, ..one }));
+        for other in [
+            Stamp { device: 0, ..one },
+            Stamp { inode: 0, ..one },
+            Stamp { size: 0, ..one },
+            Stamp { mtime: 0, ..one },
+            Stamp { ctime: 0, ..one },
+        ] {
+            assert!(!one.same(&other), "{other:?}");
+        }
+    }
+
+    #[test]
+    fn stamps_do_not_outlive_the_machine() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("cache")).unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, "one").unwrap();
+        let (stamp, digest) = hash_input(&path).unwrap();
+        let stamp = stamp.taken_after(MARGIN_REMOTE);
+        for (since, known) in [(boot(), true), ("another time".to_string(), false)] {
+            let mut out = Writer::default();
+            out.text(&since);
+            out.u32(1);
+            out.text(path.to_str().unwrap());
+            stamp.write(&mut out);
+            out.digest(&digest);
+            store.put_state("runs", "stamps", &out.sealed(TAG)).unwrap();
+            assert_eq!(Stamps::load(&store).known(&path).is_some(), known, "{since}");
+        }
+    }
+
+    #[test]
+    fn what_changes_while_it_is_read_has_no_digest() {
+        use std::os::unix::fs::FileExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, vec![0; 1 << 24]).unwrap();
+        let file = File::options().write(true).open(&path).unwrap();
+        let done = std::sync::atomic::AtomicBool::new(false);
+        let told = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    file.write_all_at(b"x", 0).unwrap();
+                }
+            });
+            // The other thread may have to wait for a processor.
+            let told = (0..1000).find_map(|_| hash_input(&path).err());
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+            told
+        });
+        assert_eq!(told.unwrap().to_string(), "changed while it was read");
+        assert!(hash_input(&path).is_ok());
+    }
 
     #[test]
     fn putting_size_and_mtime_back_shows() {

@@ -7,8 +7,8 @@ pub fn bare(text: &str) -> Option<String> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let bytes = text.as_bytes();
     let mut out = String::with_capacity(text.len());
-    // Where the line starts, and the end of its last string, which is not trimmed.
-    let (mut line, mut string) = (0, 0);
+    // Where the line starts.
+    let mut line = 0;
     let mut at = 0;
     loop {
         // What is plain, in one piece.
@@ -20,7 +20,7 @@ pub fn bare(text: &str) -> Option<String> {
             Some(b'"' | b'\'') => {
                 let end = at + string_end(&bytes[at..])?;
                 out.push_str(&text[at..end]);
-                (at, string) = (end, out.len());
+                at = end;
                 continue;
             }
             Some(b'#') => {
@@ -38,8 +38,8 @@ pub fn bare(text: &str) -> Option<String> {
                 return None;
             }
         }
-        // The line's end.
-        out.truncate(string.max(line) + out[string.max(line)..].trim_end_matches([' ', '\t']).len());
+        // The line's end. A string ends with a quote, so that nothing of it goes.
+        out.truncate(line + out[line..].trim_end_matches([' ', '\t']).len());
         if out.len() > line {
             out.push('\n');
             line = out.len();
@@ -88,6 +88,9 @@ mod tests {
             "a = '# \\'\n",
             "a = \"\"\"\n # \n\\\"\"\" \" \"\"\"\"\" \n",
             "a = '''\n# \n'''\n",
+            "a = \"\"\"x\"\"\"\"\n",
+            "a = '''x''''\n",
+            "a = [ ' ', \"\"\"\n \"\"\" ]\n",
             "a = ''\n",
         ] {
             let text = bare(&format!("{verbatim}# '\" \n")).unwrap();

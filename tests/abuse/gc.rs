@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use super::limits::SQUARES;
 use super::support::Place;
 use super::toy::tree;
 use super::{Random, copy, kill_group, lodge, names, times, town};
@@ -28,7 +29,8 @@ fn what_no_last_run_needs_goes_and_nothing_else() {
     let dry = place.lodge_json(&["cache", "gc", "--dry-run"]);
     assert_eq!(results(&place), before);
     let gone = place.lodge_json(&["cache", "gc"]);
-    for key in ["removed_results", "removed_objects", "removed_plans", "bytes_before", "needed_bytes"] {
+    for key in ["removed_results", "removed_objects", "removed_plans", "removed_stamps", "bytes_before", "needed_bytes"]
+    {
         assert_eq!(dry[key], gone[key], "{key}");
     }
     assert!(dry["bytes"].as_u64().unwrap().abs_diff(gone["bytes"].as_u64().unwrap()) < 4096, "{dry} {gone}");
@@ -85,6 +87,42 @@ fn age_and_size_keep_more() {
     assert!(gc(&["--max-age", "0s", "--max-size", "1G"])["removed_results"].as_u64().unwrap() > 0);
     assert_eq!(ran(&place, &["--set", "node.hulls.keep=0.6"]), 0);
     assert!(ran(&place, &["--set", "node.hulls.keep=0.7"]) > 0);
+}
+
+/// Of the files that results were read from which are still here, as long as they are as they were.
+#[test]
+fn stamps_that_tell_nothing_any_more_go() {
+    use lodge::run::{stamp::Stamps, store::Store};
+    let place = Place::new();
+    place.write(
+        "p.toml",
+        "[params]\nfile = \"a\"\n[node.read]\nop = \"read-geojson\"\npath = \"${file}\"\n\
+        [node.lines]\nop = \"read-lines\"\npath = \"common\"\n",
+    );
+    for (i, name) in ["a", "b", "c", "common"].iter().enumerate() {
+        place.write(name, SQUARES.replace("\"id\": \"", &format!("\"id\": \"{i}")));
+    }
+    // Older than the margin.
+    std::thread::sleep(Duration::from_millis(50));
+    for (name, nodes) in [("a", 2), ("b", 1), ("c", 1)] {
+        assert_eq!(ran(&place, &["--set", &format!("file={name}")]), nodes);
+    }
+    let known = || {
+        let mut stamps = Stamps::load(&Store::look(&place.path("cache")).unwrap());
+        ["a", "b", "c", "common"].map(|name| stamps.known(&place.path(name).canonicalize().unwrap()).is_some())
+    };
+    let gc = |args: &[&str]| place.lodge_json(&[&["cache", "gc"], args].concat())["removed_stamps"].as_u64().unwrap();
+    assert_eq!(known(), [true; 4]);
+    // The results of others stay, and so do their stamps.
+    assert_eq!(gc(&["--max-age", "1h"]), 0);
+    assert_eq!((gc(&["--dry-run"]), known()), (2, [true; 4]));
+    assert_eq!((gc(&[]), known()), (2, [false, false, true, true]));
+    assert_eq!(gc(&[]), 0);
+    // Another file by now, or none.
+    place.write("common", SQUARES);
+    std::fs::remove_file(place.path("c")).unwrap();
+    assert_eq!((gc(&[]), gc(&[])), (2, 0));
+    assert_eq!(ran(&place, &[]), 2);
 }
 
 #[test]

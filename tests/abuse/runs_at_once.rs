@@ -38,7 +38,8 @@ fn each_node_is_computed_once_and_waiting_says_on_whom() {
     let place = town(12);
     let clean = place.lodge_json(&["run", "p.toml"]);
     let (nodes, right) = (names(&clean, "ran").len(), tree(&place.path("out")));
-    let mut waited = 0;
+    // For a node, and for the output folder.
+    let mut waited = [0, 0];
     for round in 0..times(20) {
         for runs in [2, 8] {
             ["cache", "out"].iter().for_each(|f| std::fs::remove_dir_all(place.path(f)).unwrap());
@@ -51,12 +52,13 @@ fn each_node_is_computed_once_and_waiting_says_on_whom() {
                 let on = event["process"].as_u64().unwrap() as u32;
                 // Nobody, where the other ended between the try and the question.
                 assert!(on == 0 || ids.contains(&on), "{event}");
-                waited += usize::from(on != 0);
+                let folder = event["what"].as_str().unwrap().contains('/');
+                waited[usize::from(folder)] += usize::from(on != 0);
             }
         }
     }
-    println!("{waited} waited for another process");
-    assert!(waited > 0);
+    println!("{waited:?} waited for another process, for nodes and outputs");
+    assert!(waited[0] > 0);
 }
 
 #[test]

@@ -88,11 +88,17 @@ fn is(kind: &Value, value: &Value) -> bool {
     }
 }
 
-/// The two patterns that there are.
+/// The patterns that there are.
 fn matches(pattern: &str, text: &str) -> bool {
     match pattern {
         "\\$\\{" => text.contains("${"),
         "^[a-z0-9]+(-[a-z0-9]+)*$" => lodge::spec::is_kebab(text),
+        lodge::cli::schema::OUTSIDE => {
+            ["", "."].contains(&text)
+                || text.starts_with('/')
+                || text.split('/').any(|part| part == "..")
+                || text.contains(|c: char| c == '\\' || c.is_ascii_control())
+        }
         other => panic!("pattern {other}"),
     }
 }

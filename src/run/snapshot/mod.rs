@@ -35,6 +35,8 @@ pub enum Verdict {
     New { text: String },
     /// Text and text; equal where only the digests were compared and differ.
     Differs { old: String, new: String },
+    /// There is one, and it cannot be read.
+    Unreadable { why: String },
 }
 
 /// What a snapshot shows of a node's result.
@@ -48,14 +50,18 @@ pub struct Stage<'a> {
     pub warnings: &'a [String],
 }
 
-/// Compares the stage of `node` with its file.
-pub fn check(graph: &Graph, node: &Node, stage: &Stage, rules: Rules) -> io::Result<Verdict> {
+/// Compares the stage of `node` with its file. Beside the verdict, whether what it asks for could be written.
+pub fn check(graph: &Graph, node: &Node, stage: &Stage, rules: Rules) -> (Verdict, io::Result<()>) {
     let new = snap(graph, node, stage);
     let path = path(graph, &node.name);
     let pending = pending_of(&path);
-    let Some(old) = read(&path)? else {
-        write(&pending, &new, rules)?;
-        return Ok(Verdict::New { text: new.contents });
+    let old = match read(&path) {
+        Ok(Some(old)) => old,
+        Ok(None) => {
+            let written = write(&pending, &new, rules);
+            return (Verdict::New { text: new.contents }, written);
+        }
+        Err(e) => return (Verdict::Unreadable { why: e.to_string() }, Ok(())),
     };
     let same = if rules.exact || node.snapshot.exact {
         old.info("digest") == new.info("digest")
@@ -63,17 +69,15 @@ pub fn check(graph: &Graph, node: &Node, stage: &Stage, rules: Rules) -> io::Res
         text::same(&old.contents, &new.contents, node.snapshot.abs, node.snapshot.rel)
     };
     if !same {
-        write(&pending, &new, rules)?;
-        return Ok(Verdict::Differs { old: old.contents, new: new.contents });
+        let written = write(&pending, &new, rules);
+        return (Verdict::Differs { old: old.contents, new: new.contents }, written);
     }
     let kept = Snap { contents: old.contents.clone(), ..new };
-    if kept != old {
-        write(&path, &kept, rules)?;
-    }
+    let mut written = if kept != old { write(&path, &kept, rules) } else { Ok(()) };
     if !rules.read_only && pending.exists() {
-        std::fs::remove_file(&pending)?;
+        written = written.and(std::fs::remove_file(&pending));
     }
-    Ok(Verdict::Same)
+    (Verdict::Same, written)
 }
 
 fn snap(graph: &Graph, node: &Node, stage: &Stage) -> Snap {
