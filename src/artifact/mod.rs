@@ -51,12 +51,12 @@ pub struct Kind {
     pub doc: &'static str,
     /// Keys of its summary and what they mean.
     pub keys: &'static [(&'static str, &'static str)],
-    pub decode: fn(&[u8]) -> Result<Arc<dyn AnyArtifact>>,
+    pub decode: fn(&mut Decoder) -> Result<Arc<dyn AnyArtifact>>,
 }
 
 impl Kind {
     pub const fn of<A: Artifact>(name: &'static str, doc: &'static str) -> Self {
-        Self { name, doc, keys: &[], decode: |bytes| Ok(Arc::new(A::decode(&mut Decoder::new(bytes, A::KIND.name)?)?)) }
+        Self { name, doc, keys: &[], decode: |from| Ok(Arc::new(A::decode(from)?)) }
     }
 }
 

@@ -3,6 +3,8 @@
 //! hashed and written piece by piece without a copy.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::ops::Range;
 
 use crate::diag::{Diagnostic, Result};
 
@@ -64,19 +66,31 @@ impl<'a> Encoder<'a> {
     }
 }
 
-/// Reads columns back by name. Digests are checked before: a mismatch here is another version's artifact.
+/// Fills a buffer with the bytes that lie from a place on, places rising from call to call; none where it cannot.
+pub type Rest<'a> = &'a mut dyn FnMut(usize, &mut [u8]) -> Option<()>;
+
+/// Reads columns back by name, each into its own memory. Digests are checked by whoever has the bytes: before, so that
+/// a mismatch here is another version's artifact; or, of what comes as it is read, before the value is used.
 pub struct Decoder<'a> {
     kind: &'static str,
-    columns: std::collections::BTreeMap<&'a str, (usize, &'a [u8])>,
+    columns: BTreeMap<&'a str, (usize, Range<usize>)>,
+    /// The first bytes, and how to get at those that follow.
+    head: &'a [u8],
+    rest: Option<Rest<'a>>,
 }
 
 impl<'a> Decoder<'a> {
     pub fn new(bytes: &'a [u8], kind: &'static str) -> Result<Self> {
-        Self::parse(bytes, kind).ok_or_else(|| broken(kind, "its table of columns is damaged"))
+        Self::parse(bytes, bytes.len(), None, kind).ok_or_else(|| broken(kind, "its table of columns is damaged"))
     }
 
-    fn parse(bytes: &'a [u8], kind: &'static str) -> Option<Self> {
-        let mut at = bytes.strip_prefix(MAGIC)?;
+    /// Over `len` bytes of which the first, with the whole table, are here. Columns come in the order of the file.
+    pub fn over(head: &'a [u8], len: usize, rest: Rest<'a>, kind: &'static str) -> Result<Self> {
+        Self::parse(head, len, Some(rest), kind).ok_or_else(|| broken(kind, "its table of columns is damaged"))
+    }
+
+    fn parse(head: &'a [u8], len: usize, rest: Option<Rest<'a>>, kind: &'static str) -> Option<Self> {
+        let mut at = head.strip_prefix(MAGIC)?;
         let mut take = |n: usize| {
             let (head, rest) = at.split_at_checked(n)?;
             at = rest;
@@ -87,25 +101,45 @@ impl<'a> Decoder<'a> {
             return None;
         }
         let count = u32::from_le_bytes(take(4)?.try_into().ok()?);
-        let mut columns = std::collections::BTreeMap::new();
+        let mut columns = BTreeMap::new();
         for _ in 0..count {
             let n = u32::from_le_bytes(take(4)?.try_into().ok()?) as usize;
             let name = std::str::from_utf8(take(n)?).ok()?;
             let size = u32::from_le_bytes(take(4)?.try_into().ok()?) as usize;
             let offset = u64::from_le_bytes(take(8)?.try_into().ok()?) as usize;
-            let len = u64::from_le_bytes(take(8)?.try_into().ok()?) as usize;
-            columns.insert(name, (size, bytes.get(offset..offset.checked_add(len)?)?));
+            let bytes = u64::from_le_bytes(take(8)?.try_into().ok()?) as usize;
+            let end = offset.checked_add(bytes).filter(|&end| end <= len)?;
+            columns.insert(name, (size, offset..end));
         }
-        Some(Self { kind, columns })
+        Some(Self { kind, columns, head, rest })
     }
 
-    /// The bytes of a column of cells of `size` bytes.
-    pub fn get(&mut self, name: &str, size: usize) -> Result<&'a [u8]> {
-        match self.columns.get(name) {
-            Some(&(s, bytes)) if s == size && bytes.len() % size == 0 => Ok(bytes),
-            Some(_) => Err(self.broken(&format!("column `{name}` has another type"))),
-            None => Err(self.broken(&format!("column `{name}` is missing"))),
+    /// The cells of a column.
+    pub fn cells<T: Cell>(&mut self, name: &str) -> Result<Vec<T>> {
+        let size = size_of::<T>();
+        let range = match self.columns.get(name) {
+            Some((s, range)) if *s == size && range.len() % size == 0 => range.clone(),
+            Some(_) => return Err(self.broken(&format!("column `{name}` has another type"))),
+            None => return Err(self.broken(&format!("column `{name}` is missing"))),
+        };
+        let n = range.len() / size;
+        // A file can be longer than the memory: an error, where `vec!` would end the program.
+        if Vec::<T>::new().try_reserve_exact(n).is_err() {
+            return Err(self.broken(&format!("column `{name}` is larger than the memory")));
         }
+        let mut cells = vec![T::zeroed(); n];
+        match self.copy(range.start, bytemuck::cast_slice_mut(&mut cells)) {
+            Some(()) => Ok(cells),
+            None => Err(self.broken(&format!("column `{name}` cannot be read"))),
+        }
+    }
+
+    fn copy(&mut self, at: usize, out: &mut [u8]) -> Option<()> {
+        let here = self.head.get(at..).unwrap_or_default();
+        let here = &here[..here.len().min(out.len())];
+        let (first, out) = out.split_at_mut(here.len());
+        first.copy_from_slice(here);
+        if out.is_empty() { Some(()) } else { self.rest.as_mut()?(at + here.len(), out) }
     }
 
     pub fn broken(&self, what: &str) -> Box<Diagnostic> {
@@ -141,10 +175,7 @@ impl<T: Cell> Field for Vec<T> {
         out.put(name, size_of::<T>(), bytemuck::cast_slice::<T, u8>(self));
     }
     fn get(name: &str, from: &mut Decoder) -> Result<Self> {
-        let bytes = from.get(name, size_of::<T>())?;
-        let mut cells = vec![T::zeroed(); bytes.len() / size_of::<T>()];
-        bytemuck::cast_slice_mut::<T, u8>(&mut cells).copy_from_slice(bytes);
-        Ok(cells)
+        from.cells(name)
     }
 }
 
@@ -153,7 +184,7 @@ impl Field for Vec<bool> {
         out.put(name, 1, bytemuck::cast_slice::<bool, u8>(self));
     }
     fn get(name: &str, from: &mut Decoder) -> Result<Self> {
-        Ok(from.get(name, 1)?.iter().map(|&b| b != 0).collect())
+        Ok(from.cells::<u8>(name)?.into_iter().map(|b| b != 0).collect())
     }
 }
 
@@ -162,8 +193,7 @@ impl Field for String {
         out.put(name, 1, self.as_bytes());
     }
     fn get(name: &str, from: &mut Decoder) -> Result<Self> {
-        let bytes = from.get(name, 1)?.to_vec();
-        String::from_utf8(bytes).map_err(|_| from.broken(&format!("column `{name}` is not UTF-8")))
+        String::from_utf8(from.cells(name)?).map_err(|_| from.broken(&format!("column `{name}` is not UTF-8")))
     }
 }
 
@@ -175,8 +205,7 @@ pub fn put_json<T: serde::Serialize>(value: &T, name: &str, out: &mut Encoder) {
 }
 
 pub fn get_json<T: serde::de::DeserializeOwned>(name: &str, from: &mut Decoder) -> Result<T> {
-    let bytes = from.get(name, 1)?;
-    serde_json::from_slice(bytes).map_err(|e| from.broken(&format!("column `{name}`: {e}")))
+    serde_json::from_slice(&from.cells::<u8>(name)?).map_err(|e| from.broken(&format!("column `{name}`: {e}")))
 }
 
 /// A `Field` for a type that is plain serde data.
@@ -261,6 +290,34 @@ mod tests {
             if let Ok(mut d) = Decoder::new(&bytes[..cut], "Pair") {
                 let _ = Pair::get("", &mut d);
             }
+            // With the rest of the bytes elsewhere.
+            let mut rest = |at: usize, out: &mut [u8]| {
+                out.copy_from_slice(&bytes[at..at + out.len()]);
+                (at >= cut).then_some(())
+            };
+            match Decoder::over(&bytes[..cut], bytes.len(), &mut rest, "Pair") {
+                Ok(mut d) => assert_eq!(Pair::get("", &mut d).unwrap(), pair),
+                Err(_) => assert!(cut < 192, "the table was here"),
+            }
+        }
+    }
+
+    /// A table that promises more than the file has is seen before any memory is taken.
+    #[test]
+    fn columns_beyond_the_file() {
+        let cells = vec![7u64; 100];
+        let mut out = Encoder::new("Pair");
+        cells.put("a", &mut out);
+        let bytes = out.to_bytes();
+        let mut none = |_: usize, _: &mut [u8]| None;
+        assert!(Decoder::over(&bytes[..64], bytes.len(), &mut none, "Pair").unwrap().cells::<u64>("a").is_err());
+        assert!(Decoder::over(&bytes[..64], 63 + 800, &mut none, "Pair").is_err());
+        let length = bytes.windows(8).position(|w| w == 800u64.to_le_bytes()).unwrap();
+        for hostile in [u64::MAX, u64::MAX / 2, 1 << 50, 808 + 64] {
+            let mut bad = bytes.clone();
+            bad[length..length + 8].copy_from_slice(&hostile.to_le_bytes());
+            assert!(Decoder::new(&bad, "Pair").is_err());
+            assert!(Decoder::over(&bad[..64], bad.len(), &mut none, "Pair").is_err());
         }
     }
 }

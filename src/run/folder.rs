@@ -13,6 +13,7 @@ use nix::libc;
 
 use super::lock::{Claim, Guard, Locks};
 use super::store::PIECE;
+use crate::artifact::sections::Rest;
 use crate::digest::Digest;
 
 pub fn object_path(root: &Path, digest: &Digest) -> PathBuf {
@@ -41,6 +42,59 @@ pub fn read_large(path: &Path, digest: &Digest) -> Option<Vec<u8>> {
         hash.update(&out[start..]);
     }
     (hash.finalize().as_bytes() == &digest.0).then_some(out)
+}
+
+/// What `decode` makes of a large object while it is read, if the bytes are its own: what it made of others is dropped.
+pub fn read_through<T>(
+    path: &Path,
+    digest: &Digest,
+    decode: &mut dyn FnMut(&[u8], usize, Rest) -> Option<T>,
+) -> Option<T> {
+    let file = open(path).ok()?;
+    let len = usize::try_from(file.metadata().ok()?.len()).ok()?;
+    let mut hashed = Hashed { file, at: 0, hash: blake3::Hasher::new() };
+    let mut head = vec![0; len.min(PIECE)];
+    hashed.fill(&mut head)?;
+    let value = decode(&head, len, &mut |at, out| {
+        hashed.pass_to(at)?;
+        hashed.fill(out)
+    })?;
+    hashed.pass_to(len)?;
+    (hashed.hash.finalize().as_bytes() == &digest.0).then_some(value)
+}
+
+/// A file that is read once, from its start to its end, and hashed on the way.
+struct Hashed {
+    file: File,
+    at: usize,
+    hash: blake3::Hasher,
+}
+
+impl Hashed {
+    /// Each piece is hashed while it is in the processor's cache. Pieces end at multiples of their size: BLAKE3 is slower
+    /// on others.
+    fn fill(&mut self, mut out: &mut [u8]) -> Option<()> {
+        while !out.is_empty() {
+            let (piece, rest) = out.split_at_mut(out.len().min(PIECE - self.at % PIECE));
+            self.file.read_exact(piece).ok()?;
+            self.hash.update(piece);
+            self.at += piece.len();
+            out = rest;
+        }
+        Some(())
+    }
+
+    /// Reads what nobody asked for. There is no way back.
+    fn pass_to(&mut self, at: usize) -> Option<()> {
+        let mut left = at.checked_sub(self.at)?;
+        let mut piece = vec![0; left.min(PIECE)];
+        while left > 0 {
+            let n = left.min(PIECE);
+            self.fill(&mut piece[..n])?;
+            left -= n;
+        }
+        Some(())
+    }
 }
 
 /// The bytes of a file that lodge keeps for itself; what is larger than any of these is an error.

@@ -24,13 +24,16 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use super::folder::{Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_large, read_state};
+use super::folder::{
+    Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_large, read_state, read_through,
+};
 use super::index::{Index, Pack};
 use super::lock::{Claim, Guard, Locks};
 use super::pack::{self, Appender, Frame, What};
 use super::record::Record;
 use super::stamp;
 use crate::artifact::Blob;
+use crate::artifact::sections::Rest;
 use crate::digest::Digest;
 use crate::op::NEVER;
 
@@ -279,6 +282,19 @@ impl Store {
         Some(out)
     }
 
+    /// What `decode` makes of a large object's first bytes, its length and the bytes that follow, without a copy between
+    /// the file and there. None where anything is not as usual: [`Store::get`] then says what.
+    pub fn get_through<T>(
+        &self,
+        digest: &Digest,
+        decode: &mut dyn FnMut(&[u8], usize, Rest) -> Option<T>,
+    ) -> Option<T> {
+        if self.packed(digest).is_some() {
+            return None;
+        }
+        self.places(digest).iter().find_map(|path| read_through(path, digest, decode))
+    }
+
     fn packed(&self, digest: &Digest) -> Option<(Arc<File>, Frame)> {
         let index = self.index.lock().unwrap();
         index.objects.get(digest).map(|&(pack, frame)| (index.packs[pack].file.clone(), frame))
@@ -431,6 +447,39 @@ mod tests {
                 assert_eq!(store.get(&digest).as_ref(), Some(&bytes));
             }
         }
+    }
+
+    #[test]
+    fn a_large_object_is_read_through_once_and_forwards_and_not_if_a_bit_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let bytes: Vec<u8> = (0..SMALL as usize + 1000).map(|i| (i ^ (i >> 8)) as u8).collect();
+        let store = Store::open(folder.path()).unwrap();
+        let digest = put(&store, &bytes);
+        let parts = |from: &[usize]| {
+            store.get_through(&digest, &mut |head, len, rest| {
+                assert_eq!((head, len), (&bytes[..PIECE], bytes.len()));
+                let mut parts = vec![vec![0; 1000]; from.len()];
+                parts.iter_mut().zip(from).try_for_each(|(part, &at)| rest(at, part)).map(|()| parts)
+            })
+        };
+        let right = |from: &[usize]| Some(from.iter().map(|&at| bytes[at..at + 1000].to_vec()).collect::<Vec<_>>());
+        for from in [&[][..], &[PIECE, PIECE + 1000, 3 * PIECE - 7], &[SMALL as usize]] {
+            assert_eq!(parts(from), right(from));
+        }
+        assert_eq!(parts(&[3 * PIECE, PIECE]), None);
+        assert_eq!(parts(&[SMALL as usize + 1]), None);
+        // A bit in what is asked for, and in what is passed over.
+        let path = object_path(folder.path(), &digest);
+        for at in [PIECE + 5, bytes.len() - 1] {
+            let mut bad = bytes.clone();
+            bad[at] ^= 1;
+            fs::remove_file(&path).unwrap();
+            fs::write(&path, bad).unwrap();
+            assert_eq!(parts(&[PIECE]), None);
+        }
+        assert!(path.exists(), "`get` is who deletes");
+        assert_eq!(store.get(&digest), None);
+        assert!(!path.exists());
     }
 
     #[test]

@@ -41,13 +41,16 @@ pub struct Missing {
     pub level: usize,
 }
 
-/// Pixels of a picture that are marked.
+/// Words of 64 pixels a row.
+const ROW: usize = SIDE as usize / 64;
+
+/// Pixels of a picture that are marked, row by row.
 struct Marked(Vec<u64>);
 
 impl Marked {
     fn of(is_marked: impl Fn(usize) -> bool) -> Self {
         let word = |w: usize| (0..64).map(|b| u64::from(is_marked(64 * w + b)) << b).sum();
-        Self((0..(SIDE * SIDE) as usize / 64).map(word).collect())
+        Self((0..ROW * SIDE as usize).map(word).collect())
     }
 
     #[inline]
@@ -300,16 +303,38 @@ impl Outline {
 
 /// Pixels at most `far` from one of these, along rows and columns.
 fn grown(pixels: &Marked, far: usize) -> Marked {
-    let side = SIDE as usize;
-    let mut out: Vec<bool> = (0..side * side).map(|i| pixels.has(i)).collect();
-    for (line, step) in [(side, 1), (1, side)] {
-        for i in 0..side {
-            let at = |k: usize| i * line + k * step;
-            let marked: Vec<usize> = (0..side).filter(|&k| out[at(k)]).collect();
-            for k in marked {
-                (k.saturating_sub(far)..=(k + far).min(side - 1)).for_each(|k| out[at(k)] = true);
+    let mut out = pixels.0.clone();
+    for _ in 0..far {
+        for row in out.chunks_exact_mut(ROW) {
+            let before: [u64; ROW] = std::array::from_fn(|w| row[w]);
+            for w in 0..ROW {
+                let [left, right] = [w.wrapping_sub(1), w + 1].map(|n| before.get(n).copied().unwrap_or(0));
+                row[w] |= before[w] << 1 | left >> 63 | before[w] >> 1 | right << 63;
+            }
+        }
+        let before = out.clone();
+        for w in 0..out.len() {
+            let [above, below] = [w.wrapping_sub(ROW), w + ROW].map(|n| before.get(n).copied().unwrap_or(0));
+            out[w] |= above | below;
+        }
+    }
+    Marked(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn marks_grow_to_all_sides_and_stay_on_the_picture() {
+        let side = SIDE as usize;
+        for (x, y) in [(0, 0), (63, 5), (64, 5), (200, 300), (side - 1, side - 1), (0, 100), (side - 1, 100)] {
+            let one = Marked::of(|i| i == y * side + x);
+            for far in [1, 3, 70] {
+                let grown = grown(&one, far);
+                let near = |i: usize| (i % side).abs_diff(x) <= far && (i / side).abs_diff(y) <= far;
+                assert!((0..side * side).all(|i| grown.has(i) == near(i)), "{x}, {y}: {far}");
             }
         }
     }
-    Marked::of(|i| out[i])
 }

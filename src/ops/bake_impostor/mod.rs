@@ -75,7 +75,7 @@ impl Op for BakeImpostor {
     }
 
     fn estimate(&self, input_bytes: u64) -> u64 {
-        (90 << 20) + 5 * input_bytes
+        (150 << 20) + 5 * input_bytes
     }
 }
 

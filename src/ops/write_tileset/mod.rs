@@ -79,7 +79,7 @@ impl Op for WriteTileset {
 
     fn estimate(&self, input_bytes: u64) -> u64 {
         // The tree, and a tile a thread.
-        (6 << 20) + 2 * input_bytes
+        (4 << 20) + input_bytes * 3 / 2
     }
 }
 
