@@ -23,12 +23,16 @@ pub fn cover(triangle: &[[i64; 2]; 3], size: [u32; 2], mut at: impl FnMut(u32, u
     values(triangle, size, |x, y, values, _| at(x, y, values.map(|v| v as f64 * part)));
 }
 
-/// The weights of a triangle's corners at the middle of a pixel, inside or not; it has an area.
-pub fn weights([a, b, c]: &[[i64; 2]; 3], pixel: [u32; 2]) -> [f64; 3] {
+/// What [`values`] gives for one pixel, inside or not.
+pub fn value_at(triangle: &[[i64; 2]; 3], pixel: [u32; 2]) -> ([i64; 3], i64) {
+    let [a, b, c] = *triangle;
     let p = pixel.map(|v| i64::from(v) * PARTS + PARTS / 2);
-    let area = doubled_area(&[*a, *b, *c]) as f64;
-    [[p, *b, *c], [*a, p, *c], [*a, *b, p]].map(|part| doubled_area(&part) as f64 / area)
+    let area = doubled_area(triangle);
+    ([[p, b, c], [a, p, c], [a, b, p]].map(|part| area.signum() * doubled_area(&part)), area.abs())
 }
+
+/// Columns of a triangle's box from which on a row's ends are worked out, three divisions, and not searched for.
+const WIDE: i64 = 24;
 
 /// Calls `at` with x, y, a value that grows with each corner's weight, and their sum, twice the area.
 #[inline]
@@ -64,19 +68,42 @@ pub fn values(triangle: &[[i64; 2]; 3], [width, height]: [u32; 2], mut at: impl 
     let mut row = edges.map(|e| e.0);
     for y in y0..=y1 {
         let mut value = row;
-        let mut entered = false;
-        for x in x0..=x1 {
-            if (0..3).all(|i| value[i] >= edges[i].3) {
-                at(x as u32, y as u32, value, area);
-                entered = true;
-            } else if entered {
-                // A row goes in and out once.
-                break;
+        if x1 - x0 < WIDE {
+            let mut entered = false;
+            for x in x0..=x1 {
+                if (0..3).all(|i| value[i] >= edges[i].3) {
+                    at(x as u32, y as u32, value, area);
+                    entered = true;
+                } else if entered {
+                    // A row goes in and out once.
+                    break;
+                }
+                (0..3).for_each(|i| value[i] += edges[i].1);
             }
-            (0..3).for_each(|i| value[i] += edges[i].1);
+        } else if let Some((first, last)) = inside(row, edges.map(|e| (e.1, e.3)), x1 - x0) {
+            (0..3).for_each(|i| value[i] += first * edges[i].1);
+            for x in x0 + first..=x0 + last {
+                at(x as u32, y as u32, value, area);
+                (0..3).for_each(|i| value[i] += edges[i].1);
+            }
         }
         (0..3).for_each(|i| row[i] += edges[i].2);
     }
+}
+
+/// The first and last of `most` steps at which all three values are large enough.
+fn inside(row: [i64; 3], edges: [(i64, i64); 3], most: i64) -> Option<(i64, i64)> {
+    let (mut first, mut last) = (0, most);
+    for (value, (step, least)) in row.into_iter().zip(edges) {
+        let lack = least - value;
+        match step.signum() {
+            1 => first = first.max((lack + step - 1).div_euclid(step)),
+            -1 => last = last.min((-lack).div_euclid(-step)),
+            _ if lack > 0 => return None,
+            _ => {}
+        }
+    }
+    (first <= last).then_some((first, last))
 }
 
 #[cfg(test)]
@@ -107,6 +134,31 @@ mod tests {
                 });
             }
             assert!(count.iter().all(|&c| c == 1), "around {px}, {py}");
+        }
+    }
+
+    /// Long rows give what a look at each pixel gives.
+    #[test]
+    fn long_rows() {
+        let corner = |i: i64| [i * 7919 % 40_000 - 10_000, i * 104_729 % 30_000 - 8_000];
+        for i in 0..300 {
+            let t = [corner(i), corner(i + 1), if i % 3 == 0 { [corner(i)[0], 9_000] } else { corner(3 * i + 2) }];
+            let mut found = Vec::new();
+            values(&t, [100, 90], |x, y, values, area| found.push((x, y, values, area)));
+            let area = doubled_area(&t);
+            let owned = |i: usize| {
+                let (a, b) = (t[(i + 1) % 3], t[(i + 2) % 3]);
+                let (dx, dy) = (area.signum() * (b[0] - a[0]), area.signum() * (b[1] - a[1]));
+                dy < 0 || dy == 0 && dx > 0
+            };
+            let is_in = |v: [i64; 3]| (0..3).all(|i| v[i] > 0 || v[i] == 0 && owned(i));
+            let all = (0..90).flat_map(|y| (0..100).map(move |x| (x, y)));
+            let every: Vec<_> = all
+                .map(|(x, y)| (x, y, value_at(&t, [x, y])))
+                .map(|(x, y, (v, a))| (x, y, v, a))
+                .filter(|p| is_in(p.2))
+                .collect();
+            assert_eq!(found, every, "{t:?}");
         }
     }
 

@@ -4,7 +4,7 @@ use crate::artifact::Mesh;
 use crate::artifact::mesh::{Alpha, Material, Texture};
 use crate::geom::space::{doubled_area, unit};
 
-use super::picture::Picture;
+use super::picture::{Picture, mixed_alpha};
 
 /// Pictures that are unpacked side by side, and texels after which no more are.
 const AT_ONCE: usize = 4;
@@ -76,8 +76,17 @@ impl<'a> Paint<'a> {
     /// What decides where a triangle is drawn; none where all of it is.
     pub fn mask(&self, triangle: usize, level: usize) -> Option<Mask<'_>> {
         let material = self.material(triangle);
-        let mask = || Mask { material, colours: self.colours(triangle), texture: self.texture(triangle), level };
-        (material.alpha != Alpha::Opaque).then(mask)
+        let cutoff = match material.alpha {
+            Alpha::Opaque => return None,
+            Alpha::Mask(cutoff) => cutoff,
+            Alpha::Blend => 0.5,
+        };
+        let colours = self.colours(triangle);
+        // Farther from the cutoff than rounding can tell, a mixture of shown texels is shown.
+        let least = 255.0 * cutoff / material.base_colour[3];
+        let sure =
+            if colours.is_none() && least > 0.0 { [0.999 * least - 0.01, 1.001 * least + 0.01] } else { [-1.0, 256.0] };
+        Some(Mask { material, colours, texture: self.texture(triangle), level, sure })
     }
 
     /// Light and alpha where the corners have these weights; none where nothing is drawn. What is drawn is whole: alpha
@@ -134,6 +143,8 @@ pub struct Mask<'a> {
     colours: Option<[[f32; 4]; 3]>,
     texture: Option<(&'a Picture, &'a Texture, [[f32; 2]; 3])>,
     level: usize,
+    /// Texels of less alpha, and of more, that alone decide.
+    sure: [f32; 2],
 }
 
 impl Mask<'_> {
@@ -146,7 +157,14 @@ impl Mask<'_> {
             alpha *= (0..3).map(|c| w[c] * colours[c][3]).sum::<f32>();
         }
         if let Some((picture, texture, places)) = self.texture {
-            alpha *= picture.alpha(place(places, w), texture.wrap, texture.nearest, self.level);
+            let (four, share) = picture.alphas(place(places, w), texture.wrap, texture.nearest, self.level);
+            if four.iter().all(|&a| f32::from(a) > self.sure[1]) {
+                return true;
+            }
+            if four.iter().all(|&a| f32::from(a) < self.sure[0]) {
+                return false;
+            }
+            alpha *= mixed_alpha(four, share);
         }
         is_drawn(self.material, alpha)
     }

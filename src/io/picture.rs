@@ -49,16 +49,32 @@ fn parts() -> &'static [f32; 256] {
 
 /// The value on a screen nearest to a light.
 pub fn screen(light: f32) -> u8 {
-    // Boundaries half way between two values: the table is what a search finds, the same everywhere.
-    static BOUNDS: OnceLock<[f32; 255]> = OnceLock::new();
-    let bounds = BOUNDS.get_or_init(|| {
-        std::array::from_fn(|i| {
+    // Boundaries half way between two values: the table is what a search finds, the same everywhere. Beside them where to
+    // look first, for each exponent and five bits more: four boundaries at most lie there.
+    static TABLES: OnceLock<([f32; 256], Vec<u8>)> = OnceLock::new();
+    let (bounds, first) = TABLES.get_or_init(|| {
+        let bounds: [f32; 256] = std::array::from_fn(|i| {
             let v = (i as f64 + 0.5) / 255.0;
-            (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
-        })
+            if i == 255 {
+                f32::INFINITY
+            } else {
+                (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
+            }
+        });
+        let from = |i: u32| bounds.partition_point(|&b| b <= f32::from_bits(i << LOOK)) as u8;
+        (bounds, (0..=1.0f32.to_bits() >> LOOK).map(from).collect())
     });
-    bounds.partition_point(|&b| b <= light) as u8
+    // Less than nothing, or no number, is nothing.
+    let light = if light > 0.0 { light.min(1.0) } else { 0.0 };
+    let mut value = first[(light.to_bits() >> LOOK) as usize];
+    while bounds[usize::from(value)] <= light {
+        value += 1;
+    }
+    value
 }
+
+/// Bits of a light that tell nothing of where to look.
+const LOOK: u32 = 18;
 
 impl Picture {
     /// The picture in a file's bytes, or why it cannot be read.
@@ -83,25 +99,26 @@ impl Picture {
         let light = |[r, g, b, a]: [u8; 4]| {
             [table[usize::from(r)], table[usize::from(g)], table[usize::from(b)], parts[usize::from(a)]]
         };
-        self.mixed(uv, wrap, nearest, level, light)
+        let (four, share) = self.around(uv, wrap, nearest, level, light);
+        mixed(four, share)
     }
 
-    /// Its alpha alone.
+    /// Alphas of the four texels around a place, and how much of the second column and row there is in the mixture.
     #[inline]
-    pub fn alpha(&self, uv: [f32; 2], wrap: [Wrap; 2], nearest: bool, level: usize) -> f32 {
-        let [alpha] = self.mixed(uv, wrap, nearest, level, |t| [parts()[usize::from(t[3])]]);
-        alpha
+    pub fn alphas(&self, uv: [f32; 2], wrap: [Wrap; 2], nearest: bool, level: usize) -> ([u8; 4], [f32; 2]) {
+        self.around(uv, wrap, nearest, level, |t| t[3])
     }
 
+    /// Of the four texels around a place, by rows; where the nearest is asked for it is each of them.
     #[inline(always)]
-    fn mixed<const N: usize>(
+    fn around<T: Copy>(
         &self,
         uv: [f32; 2],
         wrap: [Wrap; 2],
         nearest: bool,
         level: usize,
-        value: impl Fn([u8; 4]) -> [f32; N],
-    ) -> [f32; N] {
+        value: impl Fn([u8; 4]) -> T,
+    ) -> ([T; 4], [f32; 2]) {
         let level = &self.levels[if nearest { 0 } else { level.min(self.levels.len() - 1) }];
         let size = [level.width, level.height];
         let texel = |x: i64, y: i64| {
@@ -115,7 +132,7 @@ impl Picture {
             if v.abs() < 1e12 { v } else { 0.0 }
         });
         if nearest {
-            return texel(place[0].floor() as i64, place[1].floor() as i64);
+            return ([texel(place[0].floor() as i64, place[1].floor() as i64); 4], [0.0; 2]);
         }
         // `floor` is a call on older processors.
         let corner = place.map(|v| {
@@ -132,14 +149,25 @@ impl Picture {
         } else {
             [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| texel(x + dx, y + dy))
         };
-        let [u, v] = share;
-        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-        let mut out = [0.0; N];
-        for (weight, t) in weights.into_iter().zip(four) {
-            (0..N).for_each(|k| out[k] += weight * t[k]);
-        }
-        out
+        (four, share)
     }
+}
+
+#[inline]
+fn mixed<const N: usize>(four: [[f32; N]; 4], [u, v]: [f32; 2]) -> [f32; N] {
+    let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+    let mut out = [0.0; N];
+    for (weight, t) in weights.into_iter().zip(four) {
+        (0..N).for_each(|k| out[k] += weight * t[k]);
+    }
+    out
+}
+
+/// Four alphas in these shares.
+#[inline]
+pub fn mixed_alpha(four: [u8; 4], share: [f32; 2]) -> f32 {
+    let [alpha] = mixed(four.map(|a| [parts()[usize::from(a)]]), share);
+    alpha
 }
 
 fn wrapped(i: i64, n: i64, wrap: Wrap) -> usize {
@@ -304,6 +332,20 @@ mod tests {
     fn light_and_back() {
         assert!((0..=255u8).all(|v| screen(linear()[usize::from(v)]) == v));
         assert_eq!((screen(-1.0), screen(2.0), screen(f32::NAN)), (0, 255, 0));
+        assert_eq!((screen(f32::INFINITY), screen(-0.0), screen(f32::MIN_POSITIVE / 2.0)), (255, 0, 0));
+        // Each value has its share, in order, and begins half way from the one before.
+        let mut before = 0;
+        for light in (0..=100_000u32).map(|i| i as f32 / 100_000.0) {
+            let value = screen(light);
+            assert!(value >= before, "{light}");
+            if value > 0 && value < 255 {
+                let side = |v: f64| if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) };
+                let [low, high] = [-0.5, 0.5].map(|d| side((f64::from(value) + d) / 255.0) as f32);
+                assert!(low <= light && light < high, "{light}: {value}");
+            }
+            before = value;
+        }
+        assert_eq!(before, 255);
     }
 
     #[test]

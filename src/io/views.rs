@@ -94,9 +94,14 @@ pub fn draw(mesh: &Mesh, paint: &Paint, view: &View, shaded: bool) -> Seen {
 /// The same without shades and with them, at the cost of one.
 fn draw_both(mesh: &Mesh, paint: &Paint, view: &View) -> (Seen, Seen) {
     let (mut plain, mut shaded) = (blank(), blank());
-    for (i, hit) in hits(mesh, paint, view).into_iter().enumerate() {
+    // Of the triangle before, mostly the same.
+    let (mut shade_of, mut shade) = (usize::MAX, 0.0);
+    for (i, hit) in hits(mesh, paint, view).enumerate() {
         let Some(hit) = hit else { continue };
-        let (light, shade) = (hit.light(paint), hit.shade(paint, view));
+        if hit.triangle != shade_of {
+            (shade_of, shade) = (hit.triangle, hit.shade(paint, view));
+        }
+        let light = hit.light(paint);
         plain.pixels[i] = on_screen(light);
         shaded.pixels[i] = on_screen(light.map(|l| l * shade));
     }
@@ -113,6 +118,9 @@ impl Hit {
     }
 }
 
+/// No triangle.
+const NONE: u32 = u32::MAX;
+
 fn blank() -> Seen {
     Seen { pixels: vec![[0; 4]; (SIDE * SIDE) as usize] }
 }
@@ -123,10 +131,12 @@ fn on_screen(light: [f32; 3]) -> [u8; 4] {
 }
 
 /// What a camera sees at each pixel, rows from the top: what is nearest; of that the first triangle.
-pub fn hits(mesh: &Mesh, paint: &Paint, view: &View) -> Vec<Option<Hit>> {
-    let mut out: Vec<Option<Hit>> = vec![None; (SIDE * SIDE) as usize];
+fn hits(mesh: &Mesh, paint: &Paint, view: &View) -> impl Iterator<Item = Option<Hit>> {
     let placed: Vec<([i64; 2], f64)> = mesh.positions.iter().map(|&p| view.place(p)).collect();
-    let mut depth = vec![f64::NEG_INFINITY; (SIDE * SIDE) as usize];
+    let mut levels = vec![0; mesh.triangles.len()];
+    // The nearest triangle of each pixel.
+    let mut nearest = vec![NONE; (SIDE * SIDE) as usize];
+    let mut depth = vec![f64::NEG_INFINITY; nearest.len()];
     let mut draw = |triangle: usize| {
         let corners = mesh.triangles[triangle].map(|v| placed[v as usize]);
         let flat = corners.map(|c| c.0);
@@ -136,14 +146,14 @@ pub fn hits(mesh: &Mesh, paint: &Paint, view: &View) -> Vec<Option<Hit>> {
             return;
         }
         let level = paint.level(triangle, area.abs() as f64 / (2 * PARTS * PARTS) as f64);
+        levels[triangle] = level;
         let mask = paint.mask(triangle, level);
         raster::cover(&flat, [SIDE; 2], |x, y, weights| {
             let i = (y * SIDE + x) as usize;
             let near = weights[0] * corners[0].1 + weights[1] * corners[1].1 + weights[2] * corners[2].1;
-            let first = || near == depth[i] && out[i].is_some_and(|hit| triangle < hit.triangle);
-            if (near > depth[i] || first()) && mask.as_ref().is_none_or(|mask| mask.shows(weights)) {
-                depth[i] = near;
-                out[i] = Some(Hit { triangle, weights, level });
+            let wins = || near > depth[i] || (triangle as u32) < nearest[i];
+            if near >= depth[i] && wins() && mask.as_ref().is_none_or(|mask| mask.shows(weights)) {
+                (depth[i], nearest[i]) = (near, triangle as u32);
             }
         });
     };
@@ -156,7 +166,13 @@ pub fn hits(mesh: &Mesh, paint: &Paint, view: &View) -> Vec<Option<Hit>> {
     } else {
         (0..mesh.triangles.len()).for_each(draw);
     }
-    out
+    nearest.into_iter().enumerate().map(move |(i, triangle)| {
+        let triangle = Some(triangle as usize).filter(|_| triangle != NONE)?;
+        let flat = mesh.triangles[triangle].map(|v| placed[v as usize].0);
+        let (values, area) = raster::value_at(&flat, [i as u32 % SIDE, i as u32 / SIDE]);
+        let weights = values.map(|v| v as f64 * (1.0 / area as f64));
+        Some(Hit { triangle, weights, level: levels[triangle] })
+    })
 }
 
 /// What all 14 cameras see.
@@ -211,6 +227,8 @@ pub fn likeness(a: &[Seen], b: &[Seen]) -> Likeness {
 /// Views a row, and the side of each on the sheet.
 const ROW: u32 = 7;
 const SMALL: u32 = SIDE / 2;
+/// What is behind.
+const GROUND: [u8; 4] = [230, 230, 230, 255];
 
 /// A contact sheet: seven views a row, shaded, on light grey; half the size, so that edges are smooth.
 pub fn sheet(mesh: &Mesh) -> Result<Vec<u8>> {
@@ -231,17 +249,24 @@ pub fn on_sheet(sets: &[Vec<Seen>]) -> Level {
     let rows = 2 * sets.len() as u32;
     let (width, height) = (ROW * SMALL, rows * SMALL);
     let light = linear();
-    let ground = light[230];
+    let ground = light[usize::from(GROUND[0])];
     let mut texels = vec![[0; 4]; (width * height) as usize];
     for (s, set) in sets.iter().enumerate() {
         for (v, seen) in set.iter().enumerate() {
             let (column, row) = (v as u32 % ROW, v as u32 / ROW * sets.len() as u32 + s as u32);
             for (y, x) in (0..SMALL).flat_map(|y| (0..SMALL).map(move |x| (y, x))) {
                 let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
-                    .map(|(dx, dy)| seen.pixels[((2 * y + dy) * SIDE + 2 * x + dx) as usize])
-                    .map(|p| if p[3] > 0 { [0, 1, 2].map(|k| light[usize::from(p[k])]) } else { [ground; 3] });
+                    .map(|(dx, dy)| seen.pixels[((2 * y + dy) * SIDE + 2 * x + dx) as usize]);
+                let to = ((row * SMALL + y) * width + column * SMALL + x) as usize;
+                // Mostly all four are the same.
+                if four.iter().all(|p| p == &four[0]) {
+                    texels[to] = if four[0][3] > 0 { four[0] } else { GROUND };
+                    continue;
+                }
+                let four =
+                    four.map(|p| if p[3] > 0 { [0, 1, 2].map(|k| light[usize::from(p[k])]) } else { [ground; 3] });
                 let [r, g, b] = [0, 1, 2].map(|k| screen(four.iter().map(|p| p[k]).sum::<f32>() / 4.0));
-                texels[((row * SMALL + y) * width + column * SMALL + x) as usize] = [r, g, b, 255];
+                texels[to] = [r, g, b, 255];
             }
         }
     }
