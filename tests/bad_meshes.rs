@@ -3,7 +3,8 @@
 
 mod support;
 
-use std::sync::Arc;
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
 
 use lodge::artifact::{AnyArtifact, Impostors, Mesh, PlaneTiles};
 use lodge::diag::{Findings, Result};
@@ -88,11 +89,12 @@ fn meshes_that_are_hardly_any() {
     let inside_out = brick([1.0; 3], [0.0; 3]).lines().take(8).map(|l| format!("{l}\n")).collect::<String>()
         + &obj(&[], &inside_out.iter().map(|f| &f[..]).collect::<Vec<_>>());
     let no_tiles = Err("bake-impostor: there are no tiles to draw on (fewer `min-votes`");
-    // Quads, silhouette and share of the surface at least; or what is said.
+    // Quads, at most twice as many, silhouette and share of the surface at least; or what is said.
     for (name, text, resolution, expected) in [
         ("nothing", String::from("v 0 0 0\n"), 16, Err("no triangles in the input: 0 read, 0 filtered, 0 rejected")),
         ("one triangle", one.clone(), 2, no_tiles),
-        ("one triangle", one, 32, Ok((1, 0.6, 0.98))),
+        // Two planes, tilted; slivers of one close the slanted edge of the other.
+        ("one triangle", one, 32, Ok((2, 0.6, 0.98))),
         ("a plate", plate, 32, Ok((1, 0.6, 0.999))),
         ("a point", obj(&[[1.0, 2.0, 3.0]; 3], &[&[0, 1, 2]]), 64, no_tiles),
         ("a line", obj(&[[0.0; 3], [1.0; 3], [2.0; 3]], &[&[0, 1, 2]]), 64, no_tiles),
@@ -445,6 +447,9 @@ fn few() -> ProptestConfig {
     config
 }
 
+/// Meshes that were baked.
+static BAKED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+
 proptest! {
     // The same few cases each time; PROPTEST_CASES and PROPTEST_RNG_SEED ask for more and others.
     #![proptest_config(few())]
@@ -474,7 +479,9 @@ proptest! {
                 (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
             }
             let side = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-            if (0..3).all(|k| low[k].abs() < 1e9 * side) {
+            // Many changes change nothing that is drawn; to bake takes more than all else.
+            let is_new = BAKED.lock().unwrap().insert(format!("{mesh:?}"));
+            if is_new && (0..3).all(|k| low[k].abs() < 1e9 * side) {
                 let _ = impostor(&out, 8, "winding");
             }
         }

@@ -3,7 +3,7 @@
 use guillotiere::{SimpleAtlasAllocator, size2};
 use rayon::prelude::*;
 
-use super::canvas::neighbours;
+use super::canvas::{Texel, neighbours};
 use super::pieces::Piece;
 use crate::io::picture::Level;
 
@@ -57,8 +57,8 @@ fn try_side(padded: &[[u32; 2]], order: &[usize], side: u32) -> Option<Vec<[u32;
 
 pub struct Atlas {
     pub colour: Level,
-    /// Normals along right, up and outside of each quad, 0 to 255 for -1 to 1.
-    pub normals: Level,
+    /// Normals along right, up and outside of each quad, 0 to 255 for -1 to 1; where they were asked for.
+    pub normals: Option<Level>,
     /// Share of texels that are drawn.
     pub filled: f64,
     /// Of each smaller copy the area that is drawn, of that of the atlas itself.
@@ -69,29 +69,29 @@ pub struct Atlas {
 struct Patch {
     size: [usize; 2],
     colour: Vec<[u8; 3]>,
-    normals: Vec<[u8; 3]>,
+    normals: Option<Vec<[u8; 3]>>,
     alpha: Vec<u8>,
 }
 
 impl Atlas {
-    pub fn fill(pieces: &[Piece], packed: &Packed) -> Self {
-        let patches: Vec<Patch> = pieces.par_iter().map(Patch::new).collect();
+    pub fn fill(pieces: &[Piece], packed: &Packed, with_normals: bool) -> Self {
+        let patches: Vec<Patch> = pieces.par_iter().map(|p| Patch::new(p, with_normals)).collect();
         let [width, height] = packed.size;
-        let empty = || Level { width, height, texels: vec![[0; 4]; (width * height) as usize] };
-        let (mut colour, mut normals) = (empty(), empty());
-        normals.texels.fill([128, 128, 255, 255]);
-        let mut filled = 0u64;
+        let level = |of: [u8; 4]| Level { width, height, texels: vec![of; (width * height) as usize] };
+        let (mut colour, mut normals) = (level([0; 4]), with_normals.then(|| level([128, 128, 255, 255])));
         for (patch, [left, top]) in patches.iter().zip(&packed.places) {
             for i in 0..patch.alpha.len() {
                 let (x, y) = (left - GUTTER + (i % patch.size[0]) as u32, top - GUTTER + (i / patch.size[0]) as u32);
                 let at = (y * width + x) as usize;
-                let ([r, g, b], [u, v, n]) = (patch.colour[i], patch.normals[i]);
-                colour.texels[at] = [r, g, b, patch.alpha[i]];
-                normals.texels[at] = [u, v, n, 255];
-                filled += u64::from(patch.alpha[i] == OPAQUE);
+                let with = |[r, g, b]: [u8; 3], alpha: u8| [r, g, b, alpha];
+                colour.texels[at] = with(patch.colour[i], patch.alpha[i]);
+                if let (Some(all), Some(own)) = (&mut normals, &patch.normals) {
+                    all.texels[at] = with(own[i], OPAQUE);
+                }
             }
         }
         let alpha: Vec<u8> = colour.texels.iter().map(|t| t[3]).collect();
+        let filled = alpha.iter().filter(|&&a| a == OPAQUE).count();
         let coverage = covered(&alpha, packed.size.map(|s| s as usize)).map(|n| n / filled.max(1) as f64);
         let filled = filled as f64 / (f64::from(width) * f64::from(height));
         Self { colour, normals, filled, coverage }
@@ -103,40 +103,41 @@ const OPAQUE: u8 = 255;
 const AROUND: [u8; 7] = [0, 16, 32, 48, 64, 80, 96];
 
 impl Patch {
-    fn new(piece: &Piece) -> Self {
+    fn new(piece: &Piece, with_normals: bool) -> Self {
         let [w, h] = piece.window.size.map(|s| s as usize);
         let gutter = GUTTER as usize;
         let size = [w + 2 * gutter, h + 2 * gutter];
-        let n = size[0] * size[1];
-        let (mut colour, mut normals) = (vec![None; n], vec![None; n]);
-        let mut alpha = vec![0; n];
-        for (i, texel) in piece.texels.iter().enumerate() {
-            if let Some(texel) = texel {
-                let at = (i / w + gutter) * size[0] + i % w + gutter;
-                colour[at] = Some(texel.colour);
-                normals[at] = Some(texel.normal.map(|c| (c.clamp(-1.0, 1.0) * 127.0 + 128.0).round() as u8));
-                alpha[at] = OPAQUE;
-            }
-        }
+        let shown = || piece.texels.iter().enumerate().filter_map(|(i, t)| Some((i, t.as_ref()?)));
+        let at = |i: usize| (i / w + gutter) * size[0] + i % w + gutter;
+        let all = |of: fn(&Texel) -> [u8; 3]| {
+            let mut out = vec![None; size[0] * size[1]];
+            shown().for_each(|(i, texel)| out[at(i)] = Some(of(texel)));
+            bled(out, size.map(|s| s as u32))
+        };
+        let mut alpha = vec![0; size[0] * size[1]];
+        shown().for_each(|(i, _)| alpha[at(i)] = OPAQUE);
         // Thin parts would be lost in smaller copies: what lies around gets the alpha that keeps their area best.
-        let around = AROUND.into_iter().map(|a| (loss(&alpha, size, a), a));
-        let around = around.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, a)| a);
+        let losses = losses(&alpha, size).into_iter().zip(AROUND);
+        let around = losses.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, a)| a);
         alpha.iter_mut().filter(|a| **a == 0).for_each(|a| *a = around);
-        Self {
-            size,
-            colour: bled(colour, size.map(|s| s as u32)),
-            normals: bled(normals, size.map(|s| s as u32)),
-            alpha,
-        }
+        let normal = |t: &Texel| t.normal.map(|c| (c.clamp(-1.0, 1.0) * 127.0 + 128.0).round() as u8);
+        Self { size, colour: all(|t| t.colour), normals: with_normals.then(|| all(normal)), alpha }
     }
 }
 
-/// How far the area drawn of smaller copies, and of one twice as large, is off where the surroundings have this alpha.
-fn loss(alpha: &[u8], size: [usize; 2], around: u8) -> f64 {
+/// How far the area drawn of smaller copies, and of one twice as large, is off where the surroundings have each alpha of
+/// [`AROUND`].
+fn losses(alpha: &[u8], size: [usize; 2]) -> [f64; AROUND.len()] {
     let whole = alpha.iter().filter(|&&a| a == OPAQUE).count() as f64;
-    let given: Vec<u8> = alpha.iter().map(|&a| if a == OPAQUE { a } else { around }).collect();
-    let copies: f64 = covered(&given, size).iter().map(|n| (n - whole).abs()).sum();
-    copies + 2.0 * (doubled(&given, size) - whole).abs()
+    let doubled = doubled(alpha, size);
+    AROUND.map(|around| {
+        let given: Vec<u8> = alpha.iter().map(|&a| if a == OPAQUE { a } else { around }).collect();
+        let copies: f64 = covered(&given, size).iter().map(|n| (n - whole).abs()).sum();
+        let mixed = |k: usize| k * usize::from(OPAQUE) + (16 - k) * usize::from(around);
+        let shown = (0..=16).filter(|&k| 2 * mixed(k) >= 16 * usize::from(OPAQUE));
+        let twice = shown.map(|k| doubled[k]).sum::<usize>() as f64 / 4.0;
+        copies + 2.0 * (twice - whole).abs()
+    })
 }
 
 /// Texels of the picture under those of each smaller copy (means of 2 x 2) that are drawn.
@@ -155,21 +156,25 @@ fn covered(alpha: &[u8], size: [usize; 2]) -> [f64; COPIES] {
     })
 }
 
-/// Texels that are drawn where the picture is seen at twice its size, in those of the picture.
-fn doubled(alpha: &[u8], size: [usize; 2]) -> f64 {
-    let at = |x: i64, y: i64| {
-        let [x, y] = [x.clamp(0, size[0] as i64 - 1), y.clamp(0, size[1] as i64 - 1)];
-        u32::from(alpha[y as usize * size[0] + x as usize])
-    };
-    let drawn = (0..alpha.len()).map(|i| {
-        let (x, y) = ((i % size[0]) as i64, (i / size[0]) as i64);
-        let sides = [(-1, -1), (1, -1), (-1, 1), (1, 1)].into_iter().filter(|&(dx, dy)| {
-            let mixed = 9 * at(x, y) + 3 * (at(x + dx, y) + at(x, y + dy)) + at(x + dx, y + dy);
-            2 * mixed >= 16 * u32::from(OPAQUE)
-        });
-        sides.count()
-    });
-    drawn.sum::<usize>() as f64 / 4.0
+/// Seen at twice its size, in how many texels the drawn ones of the picture have each number of sixteenths.
+fn doubled(alpha: &[u8], size: [usize; 2]) -> [usize; 17] {
+    let drawn = |row: usize, x: usize| usize::from(alpha[row * size[0] + x] == OPAQUE);
+    let mut out = [0; 17];
+    for y in 0..size[1] {
+        let [above, below] = [y.saturating_sub(1), (y + 1).min(size[1] - 1)];
+        // Of three columns the rows above, here and below.
+        let column = |x: usize| [above, y, below].map(|row| drawn(row, x));
+        let (mut left, mut here) = (column(0), column(0));
+        for x in 0..size[0] {
+            let right = column((x + 1).min(size[0] - 1));
+            for [a, b, c] in [left, right].map(|side| [0, 1, 2].map(|k| 3 * here[k] + side[k])) {
+                out[3 * b + a] += 1;
+                out[3 * b + c] += 1;
+            }
+            (left, here) = (here, right);
+        }
+    }
+    out
 }
 
 /// Ring by ring: the mean of what is there already.
@@ -224,13 +229,13 @@ mod tests {
             (0..64 * 64).map(|i| if drawn(i % 64, i / 64) { OPAQUE } else { 0 }).collect()
         };
         let best = |alpha: &[u8]| {
-            let all = AROUND.into_iter().map(|a| (loss(alpha, size, a), a));
+            let all = losses(alpha, size).into_iter().zip(AROUND);
             all.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
         };
         let bars = picture(&|x, _| (5..10).contains(&(x % 16)));
         assert_eq!(covered(&bars, size)[2..], [0.0; 2]);
         let (least, around) = best(&bars);
-        assert!(around > 0 && least < loss(&bars, size, 0), "{around}: {least}");
+        assert!(around > 0 && least < losses(&bars, size)[0], "{around}: {least}");
         let square = picture(&|x, y| (16..48).contains(&x) && (16..48).contains(&y));
         assert_eq!(covered(&square, size), [1024.0; COPIES]);
         assert_eq!(best(&square).1, 0);

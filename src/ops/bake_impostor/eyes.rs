@@ -12,8 +12,9 @@ use crate::io::views::is_inside;
 
 /// Lines of sight, evenly spread over half of all directions.
 pub const LINES: usize = 64;
-/// Pixels along each side of a picture.
-const SIDE: u32 = 512;
+/// Pixels of a picture a cell, about: its side is the next multiple of a word of marks, at most so many.
+const A_CELL: f64 = 6.0;
+const MOST: u32 = 512;
 /// Pixels from the outline within which nothing is missing.
 const OUTLINE: u32 = 2;
 /// Quads and lines closer to parallel than that do not show.
@@ -28,6 +29,8 @@ pub struct Eyes {
     middle: Vec3,
     /// Pixels a metre.
     scale: f64,
+    /// Pixels along each side of their pictures.
+    side: u32,
 }
 
 /// A place of the mesh that an eye sees where no quad draws anything.
@@ -41,21 +44,26 @@ pub struct Missing {
     pub level: usize,
 }
 
-/// Words of 64 pixels a row.
-const ROW: usize = SIDE as usize / 64;
-
-/// Pixels of a picture that are marked, row by row.
+/// Pixels of a picture that are marked, row by row, 64 a word.
 struct Marked(Vec<u64>);
 
 impl Marked {
-    fn of(is_marked: impl Fn(usize) -> bool) -> Self {
-        let word = |w: usize| (0..64).map(|b| u64::from(is_marked(64 * w + b)) << b).sum();
-        Self((0..ROW * SIDE as usize).map(word).collect())
+    fn of<T>(pixels: &[T], is_marked: impl Fn(&T) -> bool) -> Self {
+        let word = |w: &[T]| w.iter().enumerate().map(|(b, t)| u64::from(is_marked(t)) << b).sum();
+        Self(pixels.chunks(64).map(word).collect())
     }
 
     #[inline]
     fn has(&self, i: usize) -> bool {
         self.0[i / 64] >> (i % 64) & 1 == 1
+    }
+
+    /// Those that are marked, in order.
+    fn all(&self) -> impl Iterator<Item = usize> {
+        self.0.iter().enumerate().flat_map(|(w, &word)| {
+            let rest = std::iter::successors(Some(word), |rest| Some(rest & rest.wrapping_sub(1)));
+            rest.take_while(|&rest| rest != 0).map(move |rest| 64 * w + rest.trailing_zeros() as usize)
+        })
     }
 }
 
@@ -111,35 +119,52 @@ struct Nearest {
     triangle: Vec<u32>,
 }
 
+/// What two eyes draw on, once and again.
+pub struct Canvases([Nearest; 2]);
+
 const NONE: u32 = u32::MAX;
 
+impl Canvases {
+    pub fn new() -> Self {
+        Self([(); 2].map(|()| Nearest { near: Vec::new(), triangle: Vec::new() }))
+    }
+}
+
 impl Nearest {
-    fn new() -> Self {
-        let n = (SIDE * SIDE) as usize;
-        Self { near: vec![f32::NEG_INFINITY; n], triangle: vec![NONE; n] }
+    fn clear(&mut self, pixels: usize) {
+        self.near.clear();
+        self.near.resize(pixels, f32::NEG_INFINITY);
+        self.triangle.clear();
+        self.triangle.resize(pixels, NONE);
     }
 
-    fn seen(self) -> Seen {
-        let drawn = Marked::of(|i| self.triangle[i] != NONE);
-        Seen { drawn, triangles: self.triangle.into_iter().filter(|&t| t != NONE).collect() }
+    fn seen(&self) -> Seen {
+        let drawn = Marked::of(&self.triangle, |&t| t != NONE);
+        let triangles = drawn.all().map(|i| self.triangle[i]).collect();
+        Seen { drawn, triangles }
     }
 }
 
 impl Eyes {
     /// Along the line of this number: they spiral from the pole to the equator. `half`: half of the picture's width.
-    pub fn new(middle: Vec3, half: f64, i: usize) -> Self {
+    pub fn new(middle: Vec3, half: f64, cell: f64, i: usize) -> Self {
         let z = 1.0 - (2 * i + 1) as f64 / (2 * LINES) as f64;
         let around = (1.0 - z * z).sqrt();
         // The golden angle.
         let (sin, cos) = libm::sincos(i as f64 * 2.399_963_229_728_653);
         let eye = [around * cos, around * sin, z];
         let right = unit(cross([0.0, 0.0, 1.0], eye));
-        Self { axes: [right, cross(eye, right), eye], middle, scale: f64::from(SIDE / 2) / half }
+        let side = ((2.0 * half / cell * A_CELL / 64.0).ceil() * 64.0).min(f64::from(MOST)) as u32;
+        Self { axes: [right, cross(eye, right), eye], middle, scale: f64::from(side / 2) / half, side }
+    }
+
+    fn pixels(&self) -> usize {
+        (self.side * self.side) as usize
     }
 
     /// Where a place is on the picture, in parts of a pixel, and how near to the first eye.
     fn place(&self, p: Vec3) -> ([i64; 2], f32) {
-        let middle = f64::from(SIDE / 2);
+        let middle = f64::from(self.side / 2);
         let [x, y, z] = self.axes.map(|a| dot(a, sub(p, self.middle)) * self.scale);
         // Not below zero on the picture: as a number without its part is the floor.
         let part = |v: f64| (v * PARTS as f64 + 0.5) as i64;
@@ -147,17 +172,17 @@ impl Eyes {
     }
 
     /// What each of the two sees of the mesh, and what may be drawn: up to a `margin` around.
-    pub fn look(self, scene: &Scene, margin: f64) -> (Outline, [Seen; 2]) {
-        let seen = self.seen(scene);
+    pub fn look(self, scene: &Scene, margin: f64, on: &mut Canvases) -> (Outline, [Seen; 2]) {
+        let seen = self.seen(scene, &mut on.0);
         let inside = Marked(seen[0].drawn.0.iter().zip(&seen[1].drawn.0).map(|(a, b)| a | b).collect());
         let far = (margin * self.scale) as usize;
-        let around = grown(&inside, far.clamp(1, SIDE as usize));
+        let around = grown(&inside, self.side as usize / 64, far.clamp(1, self.side as usize));
         (Outline { eyes: self, inside, around }, seen)
     }
 
-    fn seen(&self, scene: &Scene) -> [Seen; 2] {
+    fn seen(&self, scene: &Scene, both: &mut [Nearest; 2]) -> [Seen; 2] {
         let Scene { mesh, paint, .. } = scene;
-        let mut both = [(); 2].map(|()| Nearest::new());
+        both.iter_mut().for_each(|n| n.clear(self.pixels()));
         let placed: Vec<([i64; 2], f32)> = mesh.positions.iter().map(|&p| self.place(p)).collect();
         for (t, corners) in mesh.triangles.iter().enumerate() {
             let corners = corners.map(|v| placed[v as usize]);
@@ -171,9 +196,9 @@ impl Eyes {
                 _ => paint.mask(t, self.level(scene, t, area)),
             };
             let nearness = corners.map(|c| f64::from(c.1) / area.abs() as f64);
-            raster::values(&flat, [SIDE; 2], |x, y, values, area| {
+            raster::values(&flat, [self.side; 2], |x, y, values, area| {
                 let near = (0..3).map(|c| values[c] as f64 * nearness[c]).sum::<f64>() as f32;
-                let i = (y * SIDE + x) as usize;
+                let i = (y * self.side + x) as usize;
                 let is_drawn = || mask.as_ref().is_none_or(|mask| mask.shows(values.map(|v| v as f64 / area as f64)));
                 for (k, near) in [near, -near].into_iter().enumerate() {
                     if shows[k] && near > both[k].near[i] && is_drawn() {
@@ -183,21 +208,25 @@ impl Eyes {
                 }
             });
         }
-        both.map(Nearest::seen)
+        both.each_ref().map(Nearest::seen)
     }
 
     fn level(&self, scene: &Scene, triangle: usize, area: i64) -> usize {
         scene.paint.level(triangle, area.abs() as f64 / (2 * PARTS * PARTS) as f64)
     }
 
+    /// Where a place is on the picture, in pixels.
+    fn spot(&self, p: Vec3) -> [f64; 2] {
+        let (p, middle) = (sub(p, self.middle), f64::from(self.side / 2));
+        [middle + dot(self.axes[0], p) * self.scale, middle - dot(self.axes[1], p) * self.scale]
+    }
+
     /// How texels lie on the picture.
     fn laid(&self, window: &Window) -> Laid {
         let texel = window.texel * self.scale;
         let along = |a: Vec3, sign: f64| [dot(a, self.axes[0]) * sign * texel, -dot(a, self.axes[1]) * sign * texel];
-        let corner = sub(window.point([0.0; 2]), self.middle);
-        let middle = f64::from(SIDE / 2);
         Laid {
-            corner: [middle + dot(corner, self.axes[0]) * self.scale, middle - dot(corner, self.axes[1]) * self.scale],
+            corner: self.spot(window.point([0.0; 2])),
             column: along(window.axes[0], 1.0),
             row: along(window.axes[1], -1.0),
         }
@@ -205,7 +234,8 @@ impl Eyes {
 
     /// Pixels where quads draw something: bit k for eye k.
     fn covered(&self, pieces: &[Shown]) -> Vec<u8> {
-        let mut out = vec![0; (SIDE * SIDE) as usize];
+        let side = self.side;
+        let mut out = vec![0; self.pixels()];
         for shown in pieces {
             let window = &shown.piece.window;
             let facing = dot(window.axes[2], self.axes[2]);
@@ -221,12 +251,12 @@ impl Eyes {
             let [width, right, bottom] = [window.size[0], window.size[0] - 1, window.size[1] - 1].map(i64::from);
             let ends = [0.0, w * yu, h * yv, w * yu + h * yv].map(|y| corner[1] + y);
             let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as u32;
-            let high = ends.into_iter().fold(0.0, f64::max).min(f64::from(SIDE)) as u32;
-            for y in low..(high + 1).min(SIDE) {
+            let high = ends.into_iter().fold(0.0, f64::max).min(f64::from(side)) as u32;
+            for y in low..(high + 1).min(side) {
                 // (1) Of the row the pixels that lie in the window.
                 let down = f64::from(y) + 0.5 - corner[1];
                 let (u0, v0) = (uy * down - ux * corner[0], vy * down - vx * corner[0]);
-                let (mut first, mut last) = (0.0f64, f64::from(SIDE));
+                let (mut first, mut last) = (0.0f64, f64::from(side));
                 for (at, step, end) in [(u0, ux, w), (v0, vx, h)] {
                     let (a, b) = (-at / step, (end - at) / step);
                     if step != 0.0 {
@@ -236,12 +266,12 @@ impl Eyes {
                     }
                 }
                 // (2) Their texels, at their middles; in whole numbers, which step faster.
-                let (first, last) = ((first + 0.5) as u32, ((last + 0.5) as u32).min(SIDE));
+                let (first, last) = ((first + 0.5) as u32, ((last + 0.5) as u32).min(side));
                 let at = f64::from(first) + 0.5;
                 let fixed = |v: f64| (v * FIXED) as i64;
                 let (mut u, mut v) = (fixed(u0 + ux * at), fixed(v0 + vx * at));
                 let (du, dv) = (fixed(ux), fixed(vx));
-                let row = (y * SIDE) as usize;
+                let row = (y * side) as usize;
                 for pixel in out.iter_mut().take(row + last as usize).skip(row + first as usize) {
                     let texel = (v >> 32).min(bottom) * width + (u >> 32).min(right);
                     if shown.texels.get(texel as usize) == Some(&true) {
@@ -261,13 +291,13 @@ impl Eyes {
         for k in 0..2 {
             let eye = self.axes[2].map(|c| if k == 0 { c } else { -c });
             let Seen { drawn, triangles } = &seen[k];
-            let pixels = (0..covered.len()).filter(|&i| drawn.has(i));
-            for (i, &triangle) in pixels.zip(triangles) {
-                if covered[i] >> k & 1 == 0 && is_inside(SIDE, OUTLINE, i, |j| drawn.has(j)) {
+            for (i, &triangle) in drawn.all().zip(triangles) {
+                if covered[i] >> k & 1 == 0 && is_inside(self.side, OUTLINE, i, |j| drawn.has(j)) {
                     let triangle = triangle as usize;
                     let flat = scene.mesh.corners(triangle).map(|p| self.place(p).0);
-                    let weights = raster::weights(&flat, [i as u32 % SIDE, i as u32 / SIDE]);
-                    let level = self.level(scene, triangle, raster::doubled_area(&flat));
+                    let (values, area) = raster::value_at(&flat, [i as u32 % self.side, i as u32 / self.side]);
+                    let weights = values.map(|v| v as f64 / area as f64);
+                    let level = self.level(scene, triangle, area);
                     missing.push(Missing { eye, triangle, weights, level });
                 }
             }
@@ -280,41 +310,42 @@ impl Outline {
     /// Of these texels those whose middles are in it, or `around` it.
     pub fn keep(&self, window: &Window, around: bool, texels: &mut Vec<u32>) {
         let laid = self.eyes.laid(window);
-        let pixels = if around { &self.around } else { &self.inside };
-        let (width, side) = (window.size[0], f64::from(SIDE));
+        let width = window.size[0];
         texels.retain(|&i| {
             let (u, v) = (f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
-            let [x, y] = [0, 1].map(|k| laid.corner[k] + u * laid.column[k] + v * laid.row[k]);
-            x >= 0.0 && y >= 0.0 && x < side && y < side && pixels.has(y as usize * SIDE as usize + x as usize)
+            self.marks([0, 1].map(|k| laid.corner[k] + u * laid.column[k] + v * laid.row[k]), around)
         });
     }
 
     /// Whether a place is in it, or `around` it.
     pub fn has(&self, p: Vec3, around: bool) -> bool {
-        let eyes = &self.eyes;
-        let p = sub(p, eyes.middle);
-        let middle = f64::from(SIDE / 2);
-        let (x, y) = (middle + dot(eyes.axes[0], p) * eyes.scale, middle - dot(eyes.axes[1], p) * eyes.scale);
-        let side = f64::from(SIDE);
+        self.marks(self.eyes.spot(p), around)
+    }
+
+    #[inline]
+    fn marks(&self, [x, y]: [f64; 2], around: bool) -> bool {
+        let side = f64::from(self.eyes.side);
         let pixels = if around { &self.around } else { &self.inside };
-        x >= 0.0 && y >= 0.0 && x < side && y < side && pixels.has(y as usize * SIDE as usize + x as usize)
+        let at = |x: f64, y: f64| y as usize * self.eyes.side as usize + x as usize;
+        x >= 0.0 && y >= 0.0 && x < side && y < side && pixels.has(at(x, y))
     }
 }
 
-/// Pixels at most `far` from one of these, along rows and columns.
-fn grown(pixels: &Marked, far: usize) -> Marked {
+/// Pixels at most `far` from one of these, along rows of so many `words` and columns.
+fn grown(pixels: &Marked, words: usize, far: usize) -> Marked {
     let mut out = pixels.0.clone();
     for _ in 0..far {
-        for row in out.chunks_exact_mut(ROW) {
-            let before: [u64; ROW] = std::array::from_fn(|w| row[w]);
-            for w in 0..ROW {
-                let [left, right] = [w.wrapping_sub(1), w + 1].map(|n| before.get(n).copied().unwrap_or(0));
-                row[w] |= before[w] << 1 | left >> 63 | before[w] >> 1 | right << 63;
+        for row in out.chunks_exact_mut(words) {
+            let mut left = 0;
+            for w in 0..words {
+                let (here, right) = (row[w], row.get(w + 1).copied().unwrap_or(0));
+                row[w] |= here << 1 | left >> 63 | here >> 1 | right << 63;
+                left = here;
             }
         }
         let before = out.clone();
         for w in 0..out.len() {
-            let [above, below] = [w.wrapping_sub(ROW), w + ROW].map(|n| before.get(n).copied().unwrap_or(0));
+            let [above, below] = [w.wrapping_sub(words), w + words].map(|n| before.get(n).copied().unwrap_or(0));
             out[w] |= above | below;
         }
     }
@@ -327,13 +358,21 @@ mod tests {
 
     #[test]
     fn marks_grow_to_all_sides_and_stay_on_the_picture() {
-        let side = SIDE as usize;
-        for (x, y) in [(0, 0), (63, 5), (64, 5), (200, 300), (side - 1, side - 1), (0, 100), (side - 1, 100)] {
-            let one = Marked::of(|i| i == y * side + x);
-            for far in [1, 3, 70] {
-                let grown = grown(&one, far);
-                let near = |i: usize| (i % side).abs_diff(x) <= far && (i / side).abs_diff(y) <= far;
-                assert!((0..side * side).all(|i| grown.has(i) == near(i)), "{x}, {y}: {far}");
+        for side in [64, 512] {
+            for (x, y) in
+                [(0, 0), (63, 5), (64, 5), (20, 30), (200, 300), (side - 1, side - 1), (0, 10), (side - 1, 100)]
+            {
+                if x >= side || y >= side {
+                    continue;
+                }
+                let all: Vec<usize> = (0..side * side).collect();
+                let one = Marked::of(&all, |&i| i == y * side + x);
+                for far in [1, 3, 70] {
+                    let grown = grown(&one, side / 64, far);
+                    let near = |i: usize| (i % side).abs_diff(x) <= far && (i / side).abs_diff(y) <= far;
+                    assert!(all.iter().all(|&i| grown.has(i) == near(i)), "{x}, {y} of {side}: {far}");
+                    assert!(grown.all().eq(all.iter().copied().filter(|&i| near(i))));
+                }
             }
         }
     }

@@ -66,7 +66,7 @@ crate::inputs! {
 
 impl Op for BakeImpostor {
     const NAME: &'static str = "bake-impostor";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = In;
     type Out = Impostors;
 
@@ -115,7 +115,7 @@ pub fn bake_impostor(
     let (pieces, packed) = fit(&scene, &mending, how, &mut density, &check)?;
 
     // (2) The atlas and the quads.
-    let atlas = Atlas::fill(&pieces, &packed);
+    let atlas = Atlas::fill(&pieces, &packed, how.normal_map);
     let size = packed.size;
     let mut out = Impostors {
         frame: mesh.frame.clone(),
@@ -126,7 +126,7 @@ pub fn bake_impostor(
         tiles: Vec::new(),
         two_sided: Vec::new(),
         colour: atlas.colour.png(),
-        normal_map: if how.normal_map { atlas.normals.png() } else { Vec::new() },
+        normal_map: atlas.normals.map_or_else(Vec::new, |normals| normals.png()),
         sheet: Vec::new(),
         worth: Worth::default(),
     };
