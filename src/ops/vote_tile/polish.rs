@@ -241,11 +241,11 @@ impl Voters<'_> {
         ];
         let mut near = Around::default();
         near.fill(self, w);
-        let mut ends = Default::default();
         let mut idle = 0;
         for line in LINES.iter().cycle() {
-            let to = near.along(w, line, &mut ends);
-            let count = near.votes(&to);
+            wide::run(Stretches { near: &mut near, line });
+            let to = near.along(w, line);
+            let count = wide::run(Votes { near: &mut near, w: &to });
             idle += 1;
             if count > *most {
                 (*w, *most, idle) = (to, count, 0);
@@ -268,13 +268,94 @@ struct Around {
     sign: Vec<f64>,
     /// a . w
     at: Vec<f64>,
-    /// For a line: the first and the last t inside.
+    /// Of a line, or of another plane: a . it; then, for a line, the first and the last t inside.
+    dots: Vec<f64>,
     low: Vec<f64>,
     high: Vec<f64>,
+    /// Of the cones that a line goes through: its first t inside of each, and its last, as [`ordered`] numbers.
+    firsts: Vec<i64>,
+    lasts: Vec<i64>,
 }
 
 /// Farthest from w along a line.
 const LIMIT: f64 = (8 * PARTS) as f64;
+
+/// A number whose order is the order of all but NaN, and back: whole ones sort faster.
+fn ordered(v: f64) -> i64 {
+    let bits = v.to_bits() as i64;
+    bits ^ ((bits >> 63) as u64 >> 1) as i64
+}
+
+fn number(of: i64) -> f64 {
+    f64::from_bits((of ^ ((of >> 63) as u64 >> 1) as i64) as u64)
+}
+
+#[inline(always)]
+fn dots(a: &[Vec<f64>; 4], w: &[i64; 4], out: &mut Vec<f64>) {
+    let [p, q, r, s] = w.map(|v| v as f64);
+    let n = a[0].len();
+    out.resize(n, 0.0);
+    let [a, b, c, d] = a.each_ref().map(|all| &all[..n]);
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = a[i] * p + b[i] * q + c[i] * r + d[i] * s;
+    }
+}
+
+/// Where a line through w goes through each cone.
+struct Stretches<'a> {
+    near: &'a mut Around,
+    line: &'a [i64; 4],
+}
+
+impl Work for Stretches<'_> {
+    type Out = ();
+    #[inline(always)]
+    fn work(self) {
+        let Around { starts, a, sign, at, dots: slopes, low, high, firsts, lasts } = self.near;
+        dots(a, self.line, slopes);
+        let n = at.len();
+        low.resize(n, 0.0);
+        high.resize(n, 0.0);
+        let (at, sign, slopes, low, high) = (&at[..n], &sign[..n], &slopes[..n], &mut low[..n], &mut high[..n]);
+        for i in 0..n {
+            let (at, slope) = (at[i], slopes[i]);
+            let t = 0.0 - at / slope;
+            // A line that runs along a facet is on one side of it.
+            let outside = slope == 0.0 && (at < 0.0 || at == 0.0 && sign[i] < 0.0);
+            low[i] = if slope > 0.0 { t } else { -LIMIT };
+            high[i] = if slope < 0.0 { t } else { LIMIT };
+            high[i] = if outside { f64::NEG_INFINITY } else { high[i] };
+        }
+        firsts.clear();
+        lasts.clear();
+        for c in starts.windows(2) {
+            let own = c[0] as usize..c[1] as usize;
+            let low = low[own.clone()].iter().fold(-LIMIT, |l, &v| if v > l { v } else { l });
+            let high = high[own].iter().fold(LIMIT, |h, &v| if v < h { v } else { h });
+            if low < high {
+                firsts.push(ordered(low));
+                lasts.push(ordered(high));
+            }
+        }
+    }
+}
+
+/// How many cones hold a plane.
+struct Votes<'a> {
+    near: &'a mut Around,
+    w: &'a [i64; 4],
+}
+
+impl Work for Votes<'_> {
+    type Out = usize;
+    #[inline(always)]
+    fn work(self) -> usize {
+        let Around { starts, a, sign, dots: at, .. } = self.near;
+        dots(a, self.w, at);
+        let inside = |i: usize| at[i] > 0.0 || at[i] == 0.0 && sign[i] > 0.0;
+        starts.windows(2).filter(|c| (c[0]..c[1]).all(|i| inside(i as usize))).count()
+    }
+}
 
 impl Around {
     fn fill(&mut self, voters: &Voters, w: &[i64; 4]) {
@@ -289,66 +370,29 @@ impl Around {
             }
             self.starts.push(self.sign.len() as u32);
         }
-        self.at = self.dots(w);
+        dots(&self.a, w, &mut self.at);
     }
 
-    fn dots(&self, w: &[i64; 4]) -> Vec<f64> {
-        let [p, q, r, s] = w.map(|v| v as f64);
-        let [a, b, c, d] = &self.a;
-        a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| a * p + b * q + c * r + d * s).collect()
-    }
-
-    /// Cones that hold a plane.
-    fn votes(&self, w: &[i64; 4]) -> usize {
-        let dots = self.dots(w);
-        let inside = |i: usize| dots[i] > 0.0 || dots[i] == 0.0 && self.sign[i] > 0.0;
-        self.starts.windows(2).filter(|c| (c[0]..c[1]).all(|i| inside(i as usize))).count()
-    }
-
-    /// The plane w + t line, t within four samples, in the middle of where most cones overlap; of equal stretches the
-    /// longest, then the first.
-    fn along(&mut self, w: &[i64; 4], line: &[i64; 4], [lows, highs]: &mut [Vec<f64>; 2]) -> [i64; 4] {
-        let slopes = self.dots(line);
-        let bounds = self.at.iter().zip(&self.sign).zip(&slopes);
-        self.low.clear();
-        self.low.extend(bounds.clone().map(|((at, _), slope)| if *slope > 0.0 { 0.0 - at / slope } else { -LIMIT }));
-        self.high.clear();
-        self.high.extend(bounds.map(|((at, sign), slope)| {
-            if *slope < 0.0 {
-                0.0 - at / slope
-            } else if *slope == 0.0 && (*at < 0.0 || *at == 0.0 && *sign < 0.0) {
-                f64::NEG_INFINITY
-            } else {
-                LIMIT
-            }
-        }));
-        lows.clear();
-        highs.clear();
-        for c in self.starts.windows(2) {
-            let own = c[0] as usize..c[1] as usize;
-            let low = self.low[own.clone()].iter().fold(-LIMIT, |l, &v| if v > l { v } else { l });
-            let high = self.high[own].iter().fold(LIMIT, |h, &v| if v < h { v } else { h });
-            if low < high {
-                lows.push(low);
-                highs.push(high);
-            }
-        }
-        lows.sort_unstable_by(f64::total_cmp);
-        highs.sort_unstable_by(f64::total_cmp);
+    /// The plane w + t line, t within four samples, in the middle of where most of the line's [`Stretches`] overlap; of
+    /// equal places the longest, then the first.
+    fn along(&mut self, w: &[i64; 4], line: &[i64; 4]) -> [i64; 4] {
+        let Self { firsts, lasts, .. } = self;
+        firsts.sort_unstable();
+        lasts.sort_unstable();
         let (mut count, mut best) = (0, (0, 0.0, 0.0));
         let (mut i, mut j) = (0, 0);
-        while j < highs.len() {
+        while j < lasts.len() {
             // Where one cone ends and another begins, the end comes first.
-            let begins = i < lows.len() && lows[i] < highs[j];
-            let at = if begins { lows[i] } else { highs[j] };
+            let begins = i < firsts.len() && firsts[i] < lasts[j];
+            let at = if begins { firsts[i] } else { lasts[j] };
             (i, j) = if begins { (i + 1, j) } else { (i, j + 1) };
             count += if begins { 1 } else { -1 };
-            let next = match (lows.get(i), highs.get(j)) {
-                (Some(&low), Some(&high)) if low < high => low,
-                (_, Some(&high)) => high,
+            let next = match (firsts.get(i), lasts.get(j)) {
+                (Some(&first), Some(&last)) if first < last => first,
+                (_, Some(&last)) => last,
                 _ => at,
             };
-            let length = next - at;
+            let (at, length) = (number(at), number(next) - number(at));
             if count > best.0 && length > 0.0 || count == best.0 && length > best.1 {
                 best = (count, length, at + length / 2.0);
             }

@@ -32,10 +32,10 @@ pub enum Meets {
 
 impl Facet {
     /// The value at a block's first sample and what a step along each axis adds.
-    #[inline]
-    pub fn plane(&self, origin: &Origin) -> [f32; 4] {
-        let start: i64 = (0..4).map(|i| i64::from(self.a[i]) * origin.w[i]).sum();
-        let [x, y, z] = axes(origin.fixed).map(|axis| 2.0 * f32::from(self.a[axis]));
+    #[inline(always)]
+    fn plane(&self, w: [i32; 4], axes: [usize; 3]) -> [f32; 4] {
+        let start: i32 = (0..4).map(|i| i32::from(self.a[i]) * w[i]).sum();
+        let [x, y, z] = axes.map(|axis| 2.0 * f32::from(self.a[axis]));
         [start as f32 + 0.25 * f32::from(self.sign), x, y, z]
     }
 
@@ -87,13 +87,14 @@ pub type Rough = [u32; 64];
 
 /// Adds `by` (1, or -1 as a u32) wherever none of a cone's half-spaces keeps it from all samples. False where one
 /// always does.
-pub fn rough(counters: &mut Rough, planes: &[[f32; 4]], by: u32) -> bool {
-    wide::run(Roughly { counters, planes, by })
+pub fn rough(counters: &mut Rough, facets: &[Facet], origin: &Origin, by: u32) -> bool {
+    wide::run(Roughly { counters, facets, origin, by })
 }
 
 struct Roughly<'a> {
     counters: &'a mut Rough,
-    planes: &'a [[f32; 4]],
+    facets: &'a [Facet],
+    origin: &'a Origin,
     by: u32,
 }
 
@@ -101,28 +102,39 @@ impl Work for Roughly<'_> {
     type Out = bool;
     #[inline(always)]
     fn work(self) -> bool {
-        let mut least = [1.0f32; 64];
-        for &[start, dx, dy, dz] in self.planes {
+        const X: [f32; 16] = [0., 4., 8., 12., 0., 4., 8., 12., 0., 4., 8., 12., 0., 4., 8., 12.];
+        const Y: [f32; 16] = [0., 0., 0., 0., 4., 4., 4., 4., 8., 8., 8., 8., 12., 12., 12., 12.];
+        let (w, axes) = (self.origin.w.map(|v| v as i32), axes(self.origin.fixed));
+        // (1) of each half-space the best that the parts of the first slice have
+        let mut slices = [([0.0f32; 16], 0.0f32); 16];
+        for (facet, slice) in self.facets.iter().zip(&mut slices) {
+            let [start, dx, dy, dz] = facet.plane(w, axes);
             let most = |d: f32| if d > 0.0 { 3.0 * d } else { 0.0 };
             let start = start + most(dx) + most(dy) + most(dz);
-            let slice: [f32; 16] =
-                std::array::from_fn(|i| start + 4.0 * dx * (i % 4) as f32 + 4.0 * dy * (i / 4) as f32);
-            for z in 0..4 {
-                let dz = 4.0 * dz * z as f32;
+            for i in 0..16 {
+                slice.0[i] = start + dx * X[i] + dy * Y[i];
+            }
+            slice.1 = 4.0 * dz;
+        }
+        let slices = &slices[..self.facets.len()];
+        // (2) slice by slice, 16 parts side by side
+        let mut any = [0u32; 16];
+        for (z, counters) in self.counters.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+            let mut least = [1.0f32; 16];
+            for (slice, dz) in slices {
+                let dz = dz * z as f32;
                 for i in 0..16 {
                     let at = slice[i] + dz;
-                    let old = least[16 * z + i];
-                    least[16 * z + i] = if at < old { at } else { old };
+                    least[i] = if at < least[i] { at } else { least[i] };
                 }
             }
+            for i in 0..16 {
+                let inside = if least[i] > 0.0 { self.by } else { 0 };
+                counters[i] = counters[i].wrapping_add(inside);
+                any[i] |= inside;
+            }
         }
-        let mut any = 0;
-        for i in 0..64 {
-            let inside = if least[i] > 0.0 { self.by } else { 0 };
-            self.counters[i] = self.counters[i].wrapping_add(inside);
-            any |= inside;
-        }
-        any != 0
+        any.iter().fold(0, |a, i| a | i) != 0
     }
 }
 

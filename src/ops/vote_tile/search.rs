@@ -347,9 +347,7 @@ impl<'a> Here<'a> {
             return true;
         }
         let facets = self.cones.facets(self.cones.reaches[entry as usize / 2].stick);
-        let mut planes = [[0.0; 4]; 16];
-        facets.iter().zip(&mut planes).for_each(|(f, plane)| *plane = f.plane(&self.origin));
-        rough(counters, &planes[..facets.len()], by)
+        rough(counters, facets, &self.origin, by)
     }
 
     /// A block with more cones than a counter can count: in parts, and without keeping the counters.
