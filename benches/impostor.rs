@@ -12,12 +12,13 @@ use lodge::geom::scatter::Scatter;
 use lodge::geom::space::dot;
 use lodge::io::paint::Paint;
 use lodge::op::{Bench, Inputs, Op, Source};
+use lodge::ops::ALL;
 use lodge::ops::read_mesh::ReadMesh;
 use lodge::ops::vote_tile::{Stages, VoteTile, vote_tile};
 use lodge::ops::voxelize::{Fill, Thin, Voxelize};
 use support::measure;
 
-const MESHES: [&str; 8] = [
+const MESHES: [&str; 9] = [
     "happy_buddha_100k.obj.gz",
     "stanford_bunny.ply.gz",
     "machine_counter.stl",
@@ -26,12 +27,16 @@ const MESHES: [&str; 8] = [
     "lamborghini_huracan.glb",
     "house_scene.glb",
     "nasa_ingenuity.glb",
+    "toy_car/ToyCar.gltf",
 ];
 
 fn read(name: &str) -> Option<Arc<Mesh>> {
     let path = std::path::Path::new(&std::env::var_os("LODGE_DATA")?).join("meshes").join(name);
+    let source = Source::of_file(&path, None);
+    let beside = (ALL.get("read-mesh")?.beside)(&source);
     let mut bench = Bench::default();
-    bench.sources = vec![Source::of_file(&path, None)];
+    bench.sources = vec![source];
+    bench.sources.extend(beside.iter().map(|name| Source::of_file(&path.with_file_name(name), Some(name))));
     let how = ReadMesh { path: name.into(), ..ReadMesh::default() };
     Some(Arc::new(how.run(&bench.ctx(), Inputs::take(Vec::new())).expect("a mesh")))
 }

@@ -26,6 +26,8 @@ impl Yard {
         let folder = tempfile::tempdir().expect("a folder");
         let home = fs::canonicalize(folder.path()).expect("it is there");
         fs::create_dir(home.join("src")).expect("a folder of ours");
+        // Else a cache in a folder above would be taken, and with it its outputs.
+        fs::create_dir(home.join(".lodge")).expect("a folder of ours");
         for i in 0..width(nodes) {
             let text = format!("source {i} {}\n", "x".repeat(20));
             fs::write(home.join(format!("src/{i}")), text).expect("a folder of ours");
