@@ -6,6 +6,8 @@
 
 use rayon::prelude::*;
 
+use crate::geom::space::dot;
+
 /// Parts of a cell.
 pub const UNIT: i64 = 1 << 16;
 
@@ -20,9 +22,15 @@ pub struct Snapped {
 pub type Crossings = Vec<Crossing>;
 
 /// Lower node as z, y, x of 16 bits each, then: 1 where the ray comes in (0: goes out), then which end of the edge is
-/// nearer (0 lower, 1 half way, 2 upper, 3: on the lower node itself).
+/// nearer (0 lower, 1 half way, 2 upper, 3: on the lower node itself), then how the triangle leans (see [`lean`]).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub struct Crossing(u64);
+
+const COMES_IN: u32 = 15;
+const PLACE: u32 = 13;
+/// Bits of each of the two numbers that say how a triangle leans, and the largest of these.
+const LEAN: u32 = 6;
+const MOST: f64 = 31.0;
 
 impl Crossing {
     /// x, y, z of the edge's lower node.
@@ -31,10 +39,19 @@ impl Crossing {
     }
     /// +1 where a ray along the axis comes in, -1 where it goes out.
     pub fn step(self) -> i32 {
-        if self.0 >> 8 & 1 == 1 { 1 } else { -1 }
+        if self.0 >> COMES_IN & 1 == 1 { 1 } else { -1 }
     }
     pub fn place(self) -> Place {
-        [Place::Lower, Place::Half, Place::Upper, Place::OnNode][self.0 as usize & 3]
+        [Place::Lower, Place::Half, Place::Upper, Place::OnNode][(self.0 >> PLACE) as usize & 3]
+    }
+    /// The cosine of the angle between two triangles' normals, each on the side to which the axis runs; within 0.1.
+    pub fn cosine(self, other: Self) -> f64 {
+        let normal = |c: u64| {
+            let [u, v] = [c, c >> LEAN].map(|l| (l & ((1 << LEAN) - 1)) as f64 / MOST - 1.0);
+            [u, v, 1.0 - u.abs() - v.abs()]
+        };
+        let (a, b) = (normal(self.0), normal(other.0));
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
     }
     /// Orders by z, then y.
     pub fn slice(self) -> usize {
@@ -120,6 +137,7 @@ fn cross(corners: &[[i32; 3]; 3], axis: usize, flip: bool, out: &mut Crossings, 
         std::mem::swap(&mut b, &mut c);
         area = -area;
     }
+    let lean = lean([[a[iu], a[iv], a[axis]], [b[iu], b[iv], b[axis]], [c[iu], c[iv], c[axis]]]);
     let ends = [(at(&b), at(&c)), (at(&c), at(&a)), (at(&a), at(&b))];
     let heights = [a, b, c].map(|p| i64::from(p[axis]));
     let edges = ends.map(|(p, q)| ([q[0] - p[0], q[1] - p[1]], p));
@@ -153,10 +171,21 @@ fn cross(corners: &[[i32; 3]; 3], axis: usize, flip: bool, out: &mut Crossings, 
                 on.push(key_of(node));
             }
             if inside {
-                out.push(Crossing(key_of(node) << 16 | u64::from(comes_in) << 8 | place as u64));
+                let rest = u64::from(comes_in) << COMES_IN | (place as u64) << PLACE | lean;
+                out.push(Crossing(key_of(node) << 16 | rest));
             }
         }
     }
+}
+
+/// How a triangle leans that turns clockwise as one looks along the third axis: its normal, scaled so that its numbers'
+/// sizes add up to one, without the third, which is never negative; whole numbers from 0, for -1, to twice [`MOST`].
+fn lean([a, b, c]: [[i32; 3]; 3]) -> u64 {
+    let side = |p: [i32; 3]| [0, 1, 2].map(|k| f64::from(p[k]) - f64::from(a[k]));
+    let normal = crate::geom::space::cross(side(b), side(c));
+    let size: f64 = normal.iter().map(|n| n.abs()).sum();
+    let [u, v] = [0, 1].map(|k| ((normal[k] / size + 1.0) * MOST).round() as u64);
+    u | v << LEAN
 }
 
 /// The node below the triangle's height where its edge functions are `e`, and how far above it the triangle is.
@@ -180,4 +209,38 @@ fn height(e: [i64; 3], heights: [i64; 3], area: i64) -> (i64, Place) {
         std::cmp::Ordering::Greater => Place::Upper,
     };
     (whole as i64, place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two roofs over an edge of the grid, of all pitches and turns: what they are known to lean is what they do.
+    #[test]
+    fn triangles_lean_as_they_lie() {
+        for axis in 0..3 {
+            let roof = |pitch: f64, turn: f64| {
+                let (s, c) = (turn.sin() * pitch.tan(), turn.cos() * pitch.tan());
+                let corner = |u: f64, v: f64| {
+                    let mut out = [0; 3];
+                    let z = 3.4 + s * (u - 3.0) + c * (v - 3.0);
+                    (out[(axis + 1) % 3], out[(axis + 2) % 3], out[axis]) =
+                        ((u * UNIT as f64) as i32, (v * UNIT as f64) as i32, (z * UNIT as f64) as i32);
+                    out
+                };
+                let mut found = Vec::new();
+                let corners = [corner(2.5, 2.5), corner(3.6, 2.6), corner(2.9, 3.5)];
+                cross(&corners, axis, false, &mut found, &mut Vec::new());
+                let of_node = |c: &&Crossing| c.node() == [3; 3];
+                (*found.iter().find(of_node).expect("it lies over the node"), [-s, -c, 1.0])
+            };
+            for (pitch, turn) in [(0.0, 0.0), (0.3, 1.0), (0.7, 2.0), (1.0, 4.0), (1.2, 5.5), (1.35, 0.4)] {
+                for (other, way) in [(0.0, 0.0), (0.5, 3.0), (0.8, 1.5), (1.3, 3.6)] {
+                    let ((a, m), (b, n)) = (roof(pitch, turn), roof(other, way));
+                    let cosine = dot(m, n) / (dot(m, m) * dot(n, n)).sqrt();
+                    assert!((a.cosine(b) - cosine).abs() < 0.1, "{pitch}, {turn} to {other}, {way}: {cosine}");
+                }
+            }
+        }
+    }
 }

@@ -10,7 +10,8 @@
 //!         `parity`: at least four of six rays cross an odd number of triangles. `flood`: all that cannot be reached from
 //!         outside. `surface`: nodes within half a cell of the surface.
 //!         `thin = "thicken"`: of a crossed edge between white nodes the one nearer to the surface becomes black (half way:
-//!         the one nearer to the grid's middle, then the lower).
+//!         the one nearer to the grid's middle, then the lower), unless it lies beside black ones and two faces cross the
+//!         edge that are 60 degrees apart or more: a body's edge, clipped, is no thin part.
 //! Errors: no triangles with finite corners. Triangles with a corner that is not finite are rejected and counted.
 //!         Of triangles with the same corners in the same turn one counts.
 //! Facts:  triangles, those with finite corners; duplicates, those of them left out; flat_triangles, those without an area on the grid (kept: nodes on them are
@@ -18,7 +19,8 @@
 //! Cost:   O(triangles + crossings) and one bit a node; a few microseconds for each node in doubt.
 //! Source: Andújar et al., Computing maximal tiles, section 3; Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside
 //!         segmentation using generalized winding numbers. Snapping, six rays and thickening are ours.
-//! Tried:  the mean of six rays instead of the winding number: a quarter of a car's nodes wrong.
+//! Tried:  thickening clipped edges of bodies too: at 48 cells 1 to 2 % of a turned box's sticks were bumps that no side
+//!         of it stabs. The mean of six rays instead of the winding number: a quarter of a car's nodes wrong.
 
 pub mod crossings;
 mod fill;
@@ -35,7 +37,7 @@ use crate::geom::frame::Frame;
 use crate::geom::lattice::Lattice;
 use crate::geom::space::bounds;
 use crate::op::{Ctx, Op};
-use crossings::{Hits, Place, Snapped, UNIT, key_of, node_of};
+use crossings::{Crossing, Hits, Place, Snapped, UNIT, key_of, node_of};
 use fill::Count;
 
 /// What is inside.
@@ -82,7 +84,7 @@ crate::inputs! {
 
 impl Op for Voxelize {
     const NAME: &'static str = "voxelize";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = In;
     type Out = Voxels;
     const FACTS: &'static [(&'static str, &'static str)] = &[
@@ -326,7 +328,10 @@ fn thin_parts(hits: &Hits, out: &mut Voxels, thin: Thin) -> Vec<u64> {
                 Place::Half => (2 * high[axis]).abs_diff(middle) < (2 * low[axis]).abs_diff(middle),
                 _ => false,
             };
-            thick.push(key_of(if upper { high } else { low }));
+            let node = if upper { high } else { low };
+            if !(is_wedge(edge) && is_beside_black(out, node)) {
+                thick.push(key_of(node));
+            }
         }
     }
     thick.sort_unstable();
@@ -334,6 +339,22 @@ fn thin_parts(hits: &Hits, out: &mut Voxels, thin: Thin) -> Vec<u64> {
     thick.iter().for_each(|&key| out.set(node_of(key)));
     out.losses.thickened = thick.len() as u64;
     thick
+}
+
+/// The cosine of the sharpest angle between faces that enclose no thin part: 60 degrees.
+const WEDGE: f64 = 0.5;
+
+/// Whether one of the nodes around is black.
+fn is_beside_black(all: &Voxels, node: [usize; 3]) -> bool {
+    let last = all.lattice.side() - 1;
+    let [x, y, z] = node.map(|c| c.saturating_sub(1)..=(c + 1).min(last));
+    z.into_iter().any(|z| y.clone().any(|y| x.clone().any(|x| all.is_black([x, y, z]))))
+}
+
+/// Whether what an edge clips is enclosed by two faces that are far from parallel. Beside a body that is its edge, and
+/// no thin part.
+fn is_wedge(edge: &[Crossing]) -> bool {
+    matches!(edge, [a, b] if a.cosine(*b) < WEDGE)
 }
 
 /// Sticks on edges that the surface does not cross. Those at thickened nodes stand for the thin part: both its sides.
