@@ -440,6 +440,32 @@ fn ctrl_c_is_130_within_a_second_and_what_is_finished_is_kept() {
     }
 }
 
+/// Nobody reads what is said aside, or stops reading: the run goes on as it would.
+#[test]
+fn a_reader_that_goes_away_changes_nothing() {
+    for (i, more) in [&[][..], &["-v"], &["-vvv"], &["--log-format", "json"], &["--json"]].into_iter().enumerate() {
+        let place = small();
+        let mut command = support::binary();
+        command.current_dir(place.dir.path()).env("LODGE_CACHE", place.path("cache"));
+        command.arg("--out").arg(place.path("out")).args(["run", "p.toml"]).args(more);
+        let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stderr.take());
+        let started = Instant::now();
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            if started.elapsed() > Duration::from_secs(60) {
+                child.kill().unwrap();
+                panic!("{more:?}: it does not end");
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        assert_eq!(status.code(), Some(0), "{i}: {more:?}");
+        assert!(!place.published().is_empty(), "{more:?}");
+    }
+}
+
 /// Nor does a run that waits for another one keep anybody waiting: for its outputs, for its cache.
 #[test]
 fn ctrl_c_ends_a_run_that_waits() {

@@ -98,6 +98,25 @@ fn what_waits_is_listed_with_what_changed() {
     assert_eq!(say(&place, &["pending", "none.toml"]).0, 2);
 }
 
+/// With other settings, the variants that there are then.
+#[test]
+fn settings_say_which_variants_are_meant() {
+    let place = four();
+    say(&place, &["test", "four.toml"]);
+    let set = ["--set", "node.tree.matrix.min-distance=[0.1, 0.3]"];
+    let waiting = |args: &[&str]| -> Vec<String> {
+        let done = place.lodge(&[&["--json", "pending", "four.toml"], args].concat());
+        let all: Value = serde_json::from_slice(&done.stdout).unwrap();
+        all["pending"].as_array().unwrap().iter().map(|p| p["node"].as_str().unwrap().into()).collect()
+    };
+    assert_eq!(waiting(&set), ["plan", "tree[min-distance=0.1]"]);
+    assert_eq!(say(&place, &["pending", "--set", "a=1"]).0, 2);
+    assert_eq!(say(&place, &[&["accept", "four.toml"][..], &set].concat()).0, 0);
+    assert_eq!(waiting(&[]), ["tree[min-distance=0.01]"]);
+    assert_eq!(say(&place, &["reject", "four.toml", "--set", "nothing=1"]).0, 2);
+    assert_eq!(waiting(&[]).len(), 1);
+}
+
 /// What cannot be read is named, harms nobody, and stands in nobody's way.
 #[cfg(unix)]
 #[test]

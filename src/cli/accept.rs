@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{Exit, Globals, Outcome, Stop};
+use super::{Exit, Globals, Outcome, Set, Stop};
 use crate::diag::Diagnostic;
+use crate::graph::Graph;
 use crate::run::snapshot::{self, Pending};
 
 #[derive(clap::Args)]
@@ -28,6 +29,8 @@ pub struct Which {
     /// Only these nodes
     #[arg(value_name = "NODE")]
     nodes: Vec<String>,
+    #[command(flatten)]
+    set: Set,
 }
 
 impl Which {
@@ -59,7 +62,12 @@ impl Which {
 
     /// Where they lie, by name.
     pub fn pending(&self) -> Result<Vec<Pending>, Stop> {
+        let sets = &self.set.sets;
         let Some(file) = &self.file else {
+            if let Some(set) = sets.first() {
+                let error = Diagnostic::error("usage", format!("`--set {set}` of which pipeline?"));
+                return Err(Stop::usage(error.help("name its file before it")));
+            }
             let mut out = Vec::new();
             for folder in folders(Path::new(".")) {
                 out.extend(snapshot::pending(&folder));
@@ -71,8 +79,13 @@ impl Which {
             return Err(Stop::usage(error.value(file.display().to_string())));
         }
         let stem = file.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        let of_file: Vec<Pending> =
-            snapshot::pending(&snapshot::folder(file)).into_iter().filter(|p| p.pipeline == stem).collect();
+        let mut of_file = snapshot::pending(&snapshot::folder(file));
+        of_file.retain(|p| p.pipeline == stem);
+        // Nodes that are only there without these settings are not meant.
+        if !sets.is_empty() {
+            let graph = Graph::load(file, sets, &crate::ops::ALL)?;
+            of_file.retain(|p| graph.nodes.iter().any(|n| n.name == p.node));
+        }
         let unknown = self.nodes.iter().filter(|n| !of_file.iter().any(|p| p.is_of(n)));
         let errors: Vec<_> = unknown
             .map(|n| Diagnostic::error("not-pending", format!("nothing is pending for node `{n}`")).value(n))

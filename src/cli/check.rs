@@ -38,7 +38,7 @@ impl Args {
             let files: Vec<_> = rows.iter().map(|(file, nodes)| json!({"file": file, "nodes": nodes})).collect();
             super::print(&json!({"ok": wrong.is_empty(), "files": files, "diagnostics": render::all_json(&wrong)}));
         } else {
-            eprint!("{}", render::text(&wrong, render::Style::for_stderr()));
+            super::say_aside(&render::text(&wrong, render::Style::for_stderr()));
             if !globals.quiet {
                 for (file, nodes) in rows {
                     super::say(&format!("{}: {nodes} node{}, no mistake found\n", file.display(), plural(nodes)));

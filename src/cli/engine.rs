@@ -1,5 +1,6 @@
 //! What the commands that run something share: where cache and outputs lie, which nodes are meant, Ctrl-C.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -7,6 +8,7 @@ use std::sync::{Arc, OnceLock};
 use super::progress::Teller;
 use super::{Exit, Globals, Stop, Target};
 use crate::diag::Diagnostic;
+use crate::digest::Digest;
 use crate::graph::Graph;
 use crate::op::NEVER;
 use crate::run::folder::{Wait, is_read_only};
@@ -142,7 +144,7 @@ pub fn store_alone(place: &Place) -> Result<Store, Stop> {
 
 fn tell_waiting(on: i32) {
     let on = if on > 0 { format!("process {on}") } else { "another process".to_string() };
-    eprintln!("cache: waiting for {on}");
+    super::say_aside(&format!("cache: waiting for {on}\n"));
 }
 
 /// The cache, for commands that only look: they make none.
@@ -155,10 +157,18 @@ fn unusable(place: &Place, error: &std::io::Error) -> Stop {
     Stop { exit: Exit::Damaged, diagnostics: vec![Diagnostic::error("cache", message)] }
 }
 
-/// Runs what is missing of some nodes, for a command that wants their results; publishes nothing.
-pub fn run_silently(graph: &Arc<Graph>, only: &[usize], globals: &Globals, place: &Place) -> run::Outcome {
+/// Runs what is missing of some nodes, for a command that wants their results; publishes nothing. `lost`: objects that it
+/// found damaged.
+pub fn run_silently(
+    graph: &Arc<Graph>,
+    only: &[usize],
+    globals: &Globals,
+    place: &Place,
+    lost: &BTreeSet<Digest>,
+) -> run::Outcome {
     let mut options = options(globals, place);
     options.out = None;
+    options.lost = lost.clone();
     let mut teller = Teller::new(globals);
     run::run(graph, only, &options, &mut |event| teller.hear(event))
 }

@@ -1,5 +1,6 @@
 //! `lodge export FILE NODE -o PATH`: a result in an open format, chosen by the extension. Runs what is missing.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -118,8 +119,9 @@ impl Args {
         let write = if self.rejects { None } else { Some(choose(kind, &self.output)?) };
         let place = Place::of(globals, &self.target.file);
         let mut passes = 0;
+        let mut lost = BTreeSet::new();
         loop {
-            let outcome = engine::run_silently(&graph, &[asked], globals, &place);
+            let outcome = engine::run_silently(&graph, &[asked], globals, &place, &lost);
             let exit = super::run::exit(&outcome);
             let done = outcome.nodes.iter().find(|n| n.index == asked).and_then(|n| n.record.clone());
             let Some(record) = done else { return Err(engine::failure(&outcome, exit)) };
@@ -131,7 +133,7 @@ impl Args {
             match written {
                 Some(written) => {
                     let Written { bytes, told } = written?;
-                    told.iter().for_each(|sentence| eprintln!("warning: {sentence}"));
+                    told.iter().for_each(|sentence| super::warn(sentence));
                     engine::write_file(&self.output, &bytes)?;
                     if globals.json {
                         let path = self.output.display().to_string();
@@ -139,8 +141,12 @@ impl Args {
                     }
                     return Ok(exit);
                 }
-                // The object is lost, and deleted now: a run makes it again.
-                None if passes < 3 => passes += 1,
+                // The object is lost: a run makes it again.
+                None if passes < 3 => {
+                    passes += 1;
+                    lost.extend([record.digest].into_iter().chain(record.notes));
+                    store.troubles().iter().for_each(|line| super::warn(line));
+                }
                 None => {
                     let what = format!("the result of `{}` cannot be read from the cache", self.node);
                     return Err(Stop {

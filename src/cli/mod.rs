@@ -259,7 +259,7 @@ fn tell(diagnostics: &[Box<Diagnostic>], json: bool) {
     if json {
         print(&json!({"ok": false, "diagnostics": render::all_json(diagnostics)}));
     } else {
-        eprint!("{}", render::text(diagnostics, render::Style::for_stderr()));
+        say_aside(&render::text(diagnostics, render::Style::for_stderr()));
     }
 }
 
@@ -275,9 +275,18 @@ pub fn say(text: &str) {
     if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush())
         && error.kind() != std::io::ErrorKind::BrokenPipe
     {
-        eprintln!("error: cannot write to standard output: {error}");
+        say_aside(&format!("error: cannot write to standard output: {error}\n"));
         LOST.store(true, std::sync::atomic::Ordering::Relaxed);
     }
+}
+
+/// Text on standard error. Nobody is told where it cannot be written, and the work goes on: `eprintln!` would panic.
+pub fn say_aside(text: &str) {
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+pub fn warn(sentence: &str) {
+    say_aside(&format!("warning: {sentence}\n"));
 }
 
 /// True once standard output could not be written.

@@ -44,7 +44,7 @@ pub fn with_trouble(globals: &Globals, mut told: Value, wrong: &[Box<Diagnostic>
         told["diagnostics"] = render::all_json(wrong);
         super::print(&told);
     } else {
-        eprint!("{}", render::text(wrong, render::Style::for_stderr()));
+        super::say_aside(&render::text(wrong, render::Style::for_stderr()));
     }
     Ok(Exit::Failed)
 }

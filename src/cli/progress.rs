@@ -22,7 +22,8 @@ pub fn log(globals: &Globals) {
         (_, _, 2) => Level::DEBUG,
         _ => Level::TRACE,
     };
-    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(std::io::stderr);
+    // It would tell standard error that standard error cannot be written, and panic.
+    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(std::io::stderr).log_internal_errors(false);
     // A second subscriber in one process is refused: the first one stays.
     let _ = match globals.log_format {
         LogFormat::Json => tracing::subscriber::set_global_default(log.json().finish()),
@@ -46,7 +47,7 @@ impl Teller {
         let events = globals.events.as_ref().and_then(|path| match File::create(path) {
             Ok(file) => Some(file),
             Err(error) => {
-                eprintln!("warning: cannot write events to `{}`: {error}", path.display());
+                super::warn(&format!("cannot write events to `{}`: {error}", path.display()));
                 None
             }
         });
@@ -117,9 +118,9 @@ impl Teller {
     fn line(&self, text: &str, important: bool) {
         match &self.bar {
             _ if self.quiet => {}
-            Some(bar) if important => bar.suspend(|| eprintln!("{text}")),
+            Some(bar) if important => bar.suspend(|| super::say_aside(&format!("{text}\n"))),
             Some(_) => {}
-            None => eprintln!("{text}"),
+            None => super::say_aside(&format!("{text}\n")),
         }
     }
 
@@ -131,7 +132,7 @@ impl Teller {
         line["after"] = json!(self.started.elapsed().as_secs_f64());
         // In one piece: a run that is killed leaves whole lines.
         if let Err(error) = file.write_all(format!("{line}\n").as_bytes()) {
-            eprintln!("warning: cannot write events: {error}");
+            super::warn(&format!("cannot write events: {error}"));
             self.events = None;
         }
     }

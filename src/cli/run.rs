@@ -42,7 +42,7 @@ impl Args {
         options.table = cached;
         let mut teller = Teller::new(globals);
         let outcome = run::run(&graph, &only, &options, &mut |event| teller.hear(event));
-        eprint!("{}", render::text(&outcome.diagnostics(), render::Style::for_stderr()));
+        super::say_aside(&render::text(&outcome.diagnostics(), render::Style::for_stderr()));
         tell(&graph.name, &outcome, globals);
         let exit = exit(&outcome);
         // The process ends: of ten thousand nodes there is much to free, piece by piece.

@@ -31,7 +31,7 @@ impl Args {
             }
         }
         for name in &damaged {
-            eprintln!("warning: the record of `{name}` is damaged; `lodge cache verify` removes it");
+            super::warn(&format!("the record of `{name}` is damaged; `lodge cache verify` removes it"));
         }
         if globals.json {
             let all: Vec<Value> = runs.iter().map(to_json).collect();

@@ -1,5 +1,6 @@
 //! `lodge show FILE NODE`: the summary of a node's result. Runs what is missing.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -26,7 +27,8 @@ impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
         let graph = Arc::new(self.target.load()?);
         let asked = engine::pick(&graph, std::slice::from_ref(&self.node))?;
-        let outcome = engine::run_silently(&graph, &asked, globals, &Place::of(globals, &self.target.file));
+        let outcome =
+            engine::run_silently(&graph, &asked, globals, &Place::of(globals, &self.target.file), &BTreeSet::new());
         let exit = super::run::exit(&outcome);
         let nodes: Vec<&NodeOutcome> =
             outcome.nodes.iter().filter(|n| asked.contains(&n.index) && n.record.is_some()).collect();

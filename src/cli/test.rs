@@ -53,7 +53,7 @@ impl Args {
             exit = exit.and(super::run::exit(&outcome));
             let errors: Vec<_> = outcome.nodes.iter().filter_map(|n| n.error.clone()).collect();
             let errors = [errors, outcome.errors.clone()].concat();
-            eprint!("{}", render::text(&errors, render::Style::for_stderr()));
+            super::say_aside(&render::text(&errors, render::Style::for_stderr()));
 
             let (mut stages, mut wrong) = (Vec::new(), Vec::new());
             for node in &outcome.nodes {
@@ -75,7 +75,7 @@ impl Args {
                 all_wrong.extend(wrong);
                 continue;
             }
-            eprint!("{}", render::text(&wrong, render::Style::for_stderr()));
+            super::say_aside(&render::text(&wrong, render::Style::for_stderr()));
             if !globals.quiet || fails {
                 super::say(&to_text(&graph, &stages, &orphans, rules));
             }

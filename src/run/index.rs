@@ -18,6 +18,8 @@ pub struct Index {
     listed: Option<(Stamp, bool)>,
     pub objects: BTreeMap<Digest, (usize, Frame)>,
     pub results: BTreeMap<Digest, (usize, Frame)>,
+    /// Others of the same names: one of them may be whole where another is damaged.
+    spare: BTreeMap<(bool, Digest), Vec<(usize, Frame)>>,
     /// Results that must be made again: a blob of theirs is lost.
     pub dropped: BTreeSet<Digest>,
     /// Objects that turned out damaged or missing.
@@ -54,7 +56,29 @@ impl Index {
             What::Object => &mut self.objects,
             What::Result => &mut self.results,
         };
-        map.insert(frame.name, (pack, frame));
+        if let Some(other) = map.insert(frame.name, (pack, frame)) {
+            self.spare.entry((frame.what == What::Object, frame.name)).or_default().push(other);
+        }
+    }
+
+    /// The one that is known of this name is damaged: another takes its place, if there is one.
+    pub fn lose(&mut self, what: What, name: &Digest) {
+        let map = match what {
+            What::Object => &mut self.objects,
+            What::Result => &mut self.results,
+        };
+        let spare = self.spare.get_mut(&(what == What::Object, *name)).and_then(Vec::pop);
+        match spare {
+            Some(other) => _ = map.insert(*name, other),
+            None => _ = map.remove(name),
+        }
+    }
+
+    /// Nothing that is known now of this object is to be used.
+    pub fn distrust(&mut self, name: &Digest) {
+        self.objects.remove(name);
+        self.spare.remove(&(true, *name));
+        self.damaged.insert(*name);
     }
 
     /// Reads what other processes have added to `folder`. Called before every node that runs: the folder is listed only

@@ -31,6 +31,7 @@ pub mod stamp;
 pub mod store;
 pub mod verify;
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -38,6 +39,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Instant, SystemTime};
 
 use crate::diag::Diagnostic;
+use crate::digest::Digest;
 use crate::graph::Graph;
 use event::{Event, Observer, Status};
 use executor::{InputFile, Local};
@@ -69,6 +71,8 @@ pub struct Options {
     pub plan: Option<plan::Identity>,
     /// What a person is told of nodes that are all cached: kept in the plan.
     pub table: fn(&[NodeOutcome]) -> String,
+    /// Objects of the cache that were found damaged: what gave them runs again.
+    pub lost: BTreeSet<Digest>,
     /// Set from outside to end the run.
     pub stop: Arc<AtomicBool>,
 }
@@ -86,6 +90,7 @@ impl Options {
             verify: false,
             plan: None,
             table: |_| String::new(),
+            lost: BTreeSet::new(),
             stop: Arc::default(),
         }
     }
@@ -148,6 +153,7 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
     let tell = &mut |on| observer(&Event::Waiting { what: "cache".to_string(), on });
     match Store::open_after(&options.cache, &mut Wait { tell, stop: &options.stop }) {
         Ok(store) => {
+            store.distrust(&options.lost);
             let store = Arc::new(store);
             let executor = Local::new(options, graph.clone(), store.clone());
             Loop::new(graph, only, options, store.clone(), Box::new(executor), observer).run(&mut outcome);

@@ -17,6 +17,7 @@
 mod upkeep;
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
@@ -210,7 +211,11 @@ impl Store {
         let mut index = self.index.lock().unwrap();
         match record {
             None => {
-                index.results.remove(key);
+                index.lose(What::Result, key);
+                if index.results.contains_key(key) {
+                    drop(index);
+                    return self.lookup(key);
+                }
                 index.troubles.push("a result in the cache is damaged; it is computed again".to_string());
                 None
             }
@@ -225,6 +230,12 @@ impl Store {
         self.append(What::Result, &record.key, &[record.to_bytes()])?;
         self.index.lock().unwrap().dropped.remove(&record.key);
         Ok(())
+    }
+
+    /// Objects that someone else found damaged: results of theirs are misses until they are put again.
+    pub fn distrust(&self, objects: &BTreeSet<Digest>) {
+        let mut index = self.index.lock().unwrap();
+        objects.iter().for_each(|digest| index.distrust(digest));
     }
 
     /// Makes `key` a miss until it is put again.
@@ -303,13 +314,13 @@ impl Store {
     /// Gives an object in pieces and its size at the end; none if what was given is not to be used, because the
     /// object is missing or damaged. Errors are the sink's.
     pub fn read(&self, digest: &Digest, sink: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<Option<u64>> {
-        if let Some((file, frame)) = self.packed(digest) {
+        while let Some((file, frame)) = self.packed(digest) {
             match pack::read(&file, &frame) {
                 Ok(bytes) if Digest::of(&bytes) == *digest => {
                     sink(&bytes)?;
                     return Ok(Some(bytes.len() as u64));
                 }
-                _ => _ = self.index.lock().unwrap().objects.remove(digest),
+                _ => self.index.lock().unwrap().lose(What::Object, digest),
             }
         }
         for path in self.places(digest) {

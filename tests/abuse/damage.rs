@@ -343,6 +343,45 @@ fn a_frame_that_cannot_be_told_is_said_once() {
     }
 }
 
+/// A flipped bit in a result that only `export` reads, the reasons of its rejects included: it is made again, and said.
+#[test]
+fn what_only_export_reads_is_made_again() {
+    let place = Place::new();
+    place.write("p.toml", "[node.plan]\nop = \"read-geojson\"\npath = \"town.geojson\"\n");
+    place.write("town.geojson", fs::read(super::project().join("fixtures/town/buildings.geojson")).unwrap());
+    place.lodge_json(&["run", "p.toml"]);
+    let mut round = 0;
+    for args in [
+        &["export", "p.toml", "plan", "-o", "plan.geojson"][..],
+        &["export", "p.toml", "plan", "--rejects", "-o", "rejects.csv"],
+    ] {
+        let output = place.path(args[args.len() - 1]);
+        place.lodge_json(args);
+        let right = fs::read(&output).unwrap();
+        for _ in 0..3 {
+            // Never the same bit twice: it would be right again.
+            round += 1;
+            // All objects that there are by now, the ones that were made again included.
+            for path in files(&place.path("cache/packs")) {
+                let frames = pack::scan(&fs::File::open(&path).unwrap(), 0).unwrap().frames;
+                for frame in frames.iter().filter(|f| f.what == What::Object) {
+                    rewrite(&path, |bytes| bytes[frame.at as usize + frame.len as usize / 2 + round] ^= 4);
+                }
+            }
+            fs::remove_file(&output).unwrap();
+            let done = place.lodge(args);
+            let said = String::from_utf8_lossy(&done.stderr).into_owned();
+            assert!(done.status.success(), "{args:?}: {said}");
+            assert!(said.contains("in the cache is missing or damaged; it is computed again"), "{args:?}: {said}");
+            assert!(fs::read(&output).unwrap() == right, "{args:?}");
+            // Healed: there is nothing to say any more.
+            let again = place.lodge(args);
+            assert!(again.status.success() && !String::from_utf8_lossy(&again.stderr).contains("damaged"), "{again:?}");
+            assert!(fs::read(&output).unwrap() == right, "{args:?}");
+        }
+    }
+}
+
 /// A record that is whole, of another key; what verify takes for damage, a run takes for a miss.
 #[test]
 fn two_results_that_change_places_give_no_wrong_bytes() {
