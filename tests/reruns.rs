@@ -95,6 +95,8 @@ fn with(nodes: &Value, status: &str) -> Vec<String> {
 fn run(place: &Place) -> Vec<String> {
     let plan = place.lodge_json(&["plan", "p.toml"]);
     let whys: Vec<Value> = with(&plan, "may-run").iter().map(|n| place.lodge_json(&["why", "p.toml", n])).collect();
+    // Where no result is left, nothing is known of what a node was made of before.
+    let known = place.lodge_json(&["cache", "stat"])["results"] != 0;
     let run = place.lodge_json(&["run", "p.toml"]);
     let ran = with(&run, "ran");
     for n in plan["nodes"].as_array().unwrap() {
@@ -116,7 +118,11 @@ fn run(place: &Place) -> Vec<String> {
     }
     for name in &ran {
         let why = place.lodge_json(&["why", "p.toml", name]);
-        for change in why["changes"].as_array().unwrap() {
+        let changes = why["changes"].as_array().unwrap();
+        assert_eq!(!changes.is_empty(), known, "{name} ran: {why}");
+        let before = node(&plan, name);
+        assert!(before["status"] != "run" || before["changes"] == why["changes"], "{before} {why}");
+        for change in changes {
             assert!(change["old"] != change["new"] && change["name"].is_string(), "{why}");
         }
     }
