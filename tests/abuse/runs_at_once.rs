@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
 use super::support::Place;
 use super::toy::tree;
-use super::{Random, lodge, names, times, town};
+use super::{Random, kill_group, lodge, names, times, town};
 
 /// Starts them together; what each printed, and its events.
 fn all(place: &Place, runs: &[Vec<String>]) -> (Vec<Value>, Vec<Value>, Vec<u32>) {
@@ -98,4 +99,71 @@ fn runs_of_different_settings_publish_whole_one_after_the_other() {
     }
     println!("who came last: {last:?}; {waited} waited for another process to publish");
     assert!(waited > 0 || !Path::new("/proc/locks").exists());
+}
+
+/// The kernel frees the locks of the dead; what they had not finished is done by who waited for it.
+#[test]
+fn who_waits_for_a_run_that_is_killed_goes_on() {
+    let place = town(6);
+    const OTHER: &str = "--set=node.tiles.max-triangles=700";
+    place.lodge_json(&["run", "p.toml", OTHER]);
+    place.lodge_json(&["run", "p.toml"]);
+    let right = tree(&place.path("out"));
+    let empty = || ["cache", "out"].iter().for_each(|f| std::fs::remove_dir_all(place.path(f)).unwrap());
+    let mut random = Random::new("deaths of those waited for");
+    // While they publish, with nothing else to do; then while they compute a node.
+    for folder in [true, false] {
+        let mut length = Duration::ZERO;
+        let (mut freed, mut tries) = (0, 0);
+        while freed < times(20) {
+            let _ = std::fs::remove_file(place.path("e1.jsonl"));
+            if !folder {
+                empty();
+            }
+            let started = Instant::now();
+            let mut first = lodge(&place, &["run", "p.toml", OTHER]).spawn().unwrap();
+            if length.is_zero() {
+                assert!(first.wait().unwrap().success());
+                length = started.elapsed();
+                place.lodge_json(&["run", "p.toml"]);
+                continue;
+            }
+            tries += 1;
+            assert!(tries < 200 + times(2000), "nobody waited for it: {folder}, {freed}");
+            std::thread::sleep(length.mul_f64(random.below(1000) as f64 / 1000.0));
+            // Stopped, it keeps its locks until the other has come to them.
+            let group = format!("-{}", first.id());
+            assert!(Command::new("kill").args(["-STOP", "--", &group]).status().unwrap().success());
+            let mut second = lodge(&place, &["run", "p.toml", "--events", "e1.jsonl"]).spawn().unwrap();
+            // For what it waits, if it does: not every system tells who has a folder.
+            let waits = |event: Value| {
+                let on_folder = event["what"].as_str()?.contains('/');
+                let nobody = on_folder && !Path::new("/proc/locks").exists() && event["process"] == 0;
+                (event["event"] == "waiting" && (nobody || event["process"] == first.id())).then_some(on_folder)
+            };
+            let mut waited = None;
+            let end = Instant::now() + Duration::from_secs(60);
+            while waited.is_none() && second.try_wait().unwrap().is_none() {
+                let text = std::fs::read_to_string(place.path("e1.jsonl")).unwrap_or_default();
+                assert!(Instant::now() < end, "it neither waits nor ends: {text}");
+                waited = text.lines().filter_map(|l| serde_json::from_str(l).ok()).find_map(waits);
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            assert!(waited.is_none() || second.try_wait().unwrap().is_none(), "it did not wait");
+            kill_group(&mut first);
+            while second.try_wait().unwrap().is_none() {
+                assert!(end.elapsed().is_zero(), "it waits for the dead");
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            let code = second.wait().unwrap().code();
+            assert!(code == Some(0) && tree(&place.path("out")) == right, "try {tries}: {code:?}");
+            freed += usize::from(waited == Some(folder));
+        }
+        println!(
+            "{freed} of {tries} runs that were killed were waited for, {}",
+            if folder { "to publish" } else { "for a node" }
+        );
+        assert_eq!(names(&place.lodge_json(&["run", "p.toml"]), "ran"), [""; 0]);
+        place.lodge_json(&["cache", "verify"]);
+    }
 }
