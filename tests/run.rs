@@ -189,6 +189,8 @@ fn an_input_that_changes_while_it_is_read_keeps_nothing() {
     let home = tempfile::tempdir().unwrap();
     let mut yard = Yard::diamond(home.path());
     yard.set("read", "slow-ms", json!(200));
+    let alone = yard.node("alone", "toy-add", json!({"more": 3, "slow-ms": 400}), &[]);
+    yard.node("alone-out", "toy-write", json!({"path": "alone"}), &[alone]);
     let path = home.path().join("data.txt");
     let outcome = lodge::run::run(&yard.graph(), &[], &yard.options(), &mut |event| {
         if let lodge::run::event::Event::NodeStarted { node, .. } = event
@@ -200,6 +202,12 @@ fn an_input_that_changes_while_it_is_read_keeps_nothing() {
     });
     assert_eq!(yard.names(&outcome, Status::Failed), ["read"]);
     assert!(outcome.nodes[0].error.as_ref().unwrap().message.contains("changed while it was read"));
+    // The others go on, and what is kept is right.
+    assert_eq!(yard.names(&outcome, Status::Ran), ["alone", "alone-out"]);
+    assert_eq!(yard.names(&outcome, Status::Skipped), ["left", "right", "both", "out"]);
+    let store = lodge::run::store::Store::open(&yard.options().cache).unwrap();
+    let found = lodge::run::verify::verify(&store);
+    assert!(found.checked > 0 && found.is_clean(), "{found:?}");
     assert_eq!(yard.ran().len(), 5);
     assert!(std::fs::read_to_string(yard.out().join("files/n/0.txt")).unwrap().starts_with('8'));
 }
