@@ -3,7 +3,7 @@
 mod support;
 
 use std::collections::BTreeSet;
-use std::process::Stdio;
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use lodge::run::peak::Peak;
@@ -51,8 +51,8 @@ fn against_schema(value: &Value) -> Vec<String> {
 }
 
 /// The lines of a run, each of which fits.
-fn lines(place: &Place) -> Vec<Value> {
-    let text = std::fs::read_to_string(place.path("e.jsonl")).unwrap();
+fn lines(place: &Place, file: &str) -> Vec<Value> {
+    let text = std::fs::read_to_string(place.path(file)).unwrap();
     assert!(text.ends_with('\n'), "a torn line");
     let all: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     for line in &all {
@@ -65,7 +65,7 @@ fn lines(place: &Place) -> Vec<Value> {
 /// Statuses in the order of the nodes' names given, after a run.
 fn run(place: &Place, more: &[&str], seen: &mut BTreeSet<String>) -> Vec<Value> {
     place.lodge(&[&["run", "p.toml", "--events", "e.jsonl"], more].concat());
-    let all = lines(place);
+    let all = lines(place, "e.jsonl");
     for line in &all {
         seen.insert(line["event"].as_str().unwrap().to_string());
         line["status"].as_str().into_iter().for_each(|s| _ = seen.insert(s.to_string()));
@@ -115,27 +115,66 @@ fn every_line_fits_the_schema() {
     assert!(wanted.iter().all(|w| seen.contains(*w)), "{seen:?}");
 }
 
+fn start(place: &Place, events: &str) -> Child {
+    let mut command = support::binary();
+    command.current_dir(place.dir.path()).env("LODGE_CACHE", place.path("cache"));
+    command.args(["run", "p.toml", "-j", "1", "--events", events]);
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+/// Until the events of a run that goes on say so.
+fn until(place: &Place, child: &mut Child, events: &str, word: &str) {
+    let end = Instant::now() + Duration::from_secs(60);
+    while !std::fs::read_to_string(place.path(events)).is_ok_and(|t| t.contains(word)) {
+        assert!(Instant::now() < end && child.try_wait().unwrap().is_none(), "no {word} in {events}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// The first is stopped at work, so that the second has to wait.
+#[test]
+fn a_run_that_waits_says_on_whom() {
+    let place = Place::new();
+    place.write("town.geojson", town(110));
+    place.write("p.toml", PIPELINE);
+    let mut first = loop {
+        let mut child = start(&place, "e.jsonl");
+        until(&place, &mut child, "e.jsonl", "\"node-started\"");
+        signal(&child, "-STOP");
+        std::thread::sleep(Duration::from_millis(20));
+        if std::fs::read_to_string(place.path("e.jsonl")).unwrap().lines().last().unwrap().contains("node-started") {
+            break child;
+        }
+        // Between two nodes it holds nothing.
+        signal(&child, "-CONT");
+        assert!(child.wait().unwrap().success());
+        std::fs::remove_dir_all(place.path("cache")).unwrap();
+    };
+    let mut second = start(&place, "e2.jsonl");
+    until(&place, &mut second, "e2.jsonl", "\"waiting\"");
+    signal(&first, "-CONT");
+    assert!(first.wait().unwrap().success() && second.wait().unwrap().success());
+    let work = lines(&place, "e.jsonl");
+    let all = lines(&place, "e2.jsonl");
+    let told = all.iter().find(|e| e["event"] == "waiting").unwrap();
+    assert_eq!(told["process"], first.id());
+    assert!(work.iter().any(|e| e["event"] == "node-started" && e["node"] == told["what"]), "{told}");
+}
+
 #[test]
 fn an_interrupted_run_has_whole_lines() {
     let place = Place::new();
     place.write("town.geojson", town(110));
     place.write("p.toml", PIPELINE);
-    let mut child = support::binary()
-        .current_dir(place.dir.path())
-        .env("LODGE_CACHE", place.path("cache"))
-        .args(["run", "p.toml", "-j", "1", "--events", "e.jsonl"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let until = Instant::now() + Duration::from_secs(60);
-    while !std::fs::read_to_string(place.path("e.jsonl")).is_ok_and(|t| t.contains("\"ran\"")) {
-        assert!(Instant::now() < until && child.try_wait().unwrap().is_none());
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let mut child = start(&place, "e.jsonl");
+    until(&place, &mut child, "e.jsonl", "\"ran\"");
+    signal(&child, "-INT");
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let all = lines(&place);
+    let all = lines(&place, "e.jsonl");
     let done = all.last().unwrap();
     assert_eq!((&done["ok"], &done["interrupted"]), (&json!(false), &json!(true)));
 }
