@@ -442,11 +442,40 @@ fn numbers_within_the_tolerance_keep_the_old_text_beside_the_new_digest() {
         (&near, "", &["--exact"], 3),
         (&near, "snapshot.rel = 0\nsnapshot.abs = 0\n", &[], 3),
         (&far, "snapshot.rel = 0.01\n", &[], 0),
+        (&far, "snapshot.abs = 1\n", &[], 0),
+        (&far, "snapshot.rel = 0\nsnapshot.abs = 1\n", &[], 0),
+        (&far, "snapshot.abs = 0.0001\n", &[], 3),
     ] {
         let (found, after) = test(text, more, args);
         assert_eq!((found, after.contains_key("four__plan.snap.new")), (code, code == 3), "{more} {args:?}");
         assert_eq!(after["four__plan.snap"] == *text, code == 3, "{more} {args:?}");
     }
+}
+
+#[test]
+fn a_node_without_snapshot_has_none_and_nothing_to_compare() {
+    let place = four();
+    let without = PIPELINE.replace("[node.tree]", "snapshot = false\n[node.tree]");
+    place.write("four.toml", &without);
+    let (code, text) = say(&place, &["test", "four.toml"]);
+    assert!(code == 3 && text.contains("2 stages, 0 as they were, 2 new") && !text.contains("new: plan"), "{text}");
+    say(&place, &["accept"]);
+    let trees: Vec<String> = files(&place).into_keys().collect();
+    assert_eq!(trees, ["four__tree-min-distance-0.01.snap", "four__tree-min-distance-0.1.snap"]);
+    // One from before is no stage's, and another result is as good.
+    place.write("four.toml", PIPELINE);
+    say(&place, &["test", "four.toml"]);
+    say(&place, &["accept"]);
+    let right = files(&place)["four__plan.snap"].clone();
+    let wrong = right.replace("Footprints\n", "Footprints\nforged: 1\n");
+    assert_ne!(wrong, right);
+    place.write("snapshots/four__plan.snap", &wrong);
+    assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    std::fs::remove_file(place.path("snapshots/four__plan.snap.new")).unwrap();
+    place.write("four.toml", &without);
+    let (code, text) = say(&place, &["test", "four.toml"]);
+    assert!(code == 0 && text.contains("2 stages, 2 as they were"), "{code} {text}");
+    assert_eq!((files(&place).len(), &files(&place)["four__plan.snap"]), (3, &wrong));
 }
 
 #[test]
