@@ -122,6 +122,8 @@ fn webp(png: &[u8]) -> Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
+    use gltf::material::AlphaMode;
+
     use super::*;
     use crate::artifact::impostors::Worth;
     use crate::diag::Report;
@@ -153,6 +155,22 @@ mod tests {
         mesh::read(&files, None, &mut Ledger::new(&report)).unwrap()
     }
 
+    fn is_unlit(material: &gltf::Material) -> bool {
+        material.extension_value("KHR_materials_unlit").is_some()
+    }
+
+    /// Drawn where the atlas is opaque, without gloss; and how far off that is fit for.
+    fn is_matt_and_masked(document: &gltf::Gltf) {
+        for material in document.materials() {
+            assert_eq!((material.alpha_mode(), material.alpha_cutoff()), (AlphaMode::Mask, Some(0.5)));
+            let look = material.pbr_metallic_roughness();
+            assert_eq!((look.metallic_factor(), look.roughness_factor()), (0.0, 1.0));
+            assert!(look.base_color_texture().is_some_and(|t| t.texture().index() == 0));
+        }
+        let extras = document.scenes().next().unwrap().extras().as_ref().unwrap().get().to_string();
+        assert_eq!(extras, r#"{"distance":468.0,"error":0.5}"#);
+    }
+
     /// Two quads, there and back.
     #[test]
     fn what_is_written_is_read() {
@@ -160,10 +178,9 @@ mod tests {
         let bytes = glb(&of, Packing::Png).unwrap();
         let document = gltf::Gltf::from_slice(&bytes).unwrap();
         assert_eq!(document.materials().count(), 2);
-        assert!(document.materials().all(|m| m.normal_texture().is_none()));
+        assert!(document.materials().all(|m| is_unlit(&m) && m.normal_texture().is_none()));
         assert_eq!(document.extensions_used().collect::<Vec<_>>(), ["KHR_materials_unlit"]);
-        let extras = document.scenes().next().unwrap().extras().as_ref().unwrap().get().to_string();
-        assert_eq!(extras, r#"{"distance":468.0,"error":0.5}"#);
+        is_matt_and_masked(&document);
         let back = read(&bytes);
         let corners = |positions: &[[f64; 3]], triangles: &[[u32; 3]]| {
             let mut all: Vec<String> =
@@ -192,8 +209,9 @@ mod tests {
         of.normal_map = Level { width: 2, height: 1, texels: vec![[128, 128, 255, 255]; 2] }.png();
         let bytes = glb(&of, Packing::Png).unwrap();
         let document = gltf::Gltf::from_slice(&bytes).unwrap();
-        assert!(document.materials().all(|m| m.normal_texture().is_some()));
+        assert!(document.materials().all(|m| !is_unlit(&m) && m.normal_texture().is_some()));
         assert_eq!(document.extensions_used().count(), 0);
+        is_matt_and_masked(&document);
         let chunk = document.blob.as_deref().unwrap();
         let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
         let reader = primitive.reader(|_| Some(chunk));
