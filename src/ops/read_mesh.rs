@@ -565,6 +565,43 @@ mod tests {
         assert!(error("a.stl.gz", &packed[..packed.len() / 2]).contains("ends in the middle of its compressed data"));
     }
 
+    /// What the file says is up, its y or its z, is the mesh's z. Of glTF all is known: another word is told, not heeded.
+    #[test]
+    fn up_is_what_is_said_except_in_gltf() {
+        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+            property float nx\nproperty float ny\nproperty float nz\nelement face 1\n\
+            property list uchar int vertex_indices\nend_header\n\
+            1 2 3 0 1 0\n4 2 3 0 1 0\n1 2 -5 0 1 0\n3 0 1 2\n";
+        let stl = "solid a\nfacet normal 0 1 0\nouter loop\nvertex 1 2 3\nvertex 4 2 3\nvertex 1 2 -5\nendloop\n\
+            endfacet\nendsolid a\n";
+        let as_it_is = [[1.0, 2.0, 3.0], [4.0, 2.0, 3.0], [1.0, 2.0, -5.0]];
+        let turned = [[1.0, -3.0, 2.0], [4.0, -3.0, 2.0], [1.0, 5.0, 2.0]];
+        for (name, text) in [("a.ply", ply), ("a.stl", stl)] {
+            for (params, wanted, normal) in [
+                ("", as_it_is, [0.0, 1.0, 0.0]),
+                ("up = 'z'", as_it_is, [0.0, 1.0, 0.0]),
+                ("up = 'y'", turned, [0.0, 0.0, 1.0]),
+            ] {
+                let (mesh, findings) = read_all(params, &[(name, text.as_bytes())]);
+                let mesh = mesh.unwrap();
+                assert_eq!((corners(&mesh), findings.warnings), (vec![wanted], vec![]), "{name} {params}");
+                // Normals turn with the places; STL's are not read.
+                let normals = if name == "a.ply" { vec![normal; 3] } else { vec![] };
+                assert_eq!(mesh.surface.normals, normals, "{name} {params}");
+            }
+        }
+        let (root, chunk) = square(&[0, 1, 2], 4);
+        let bytes = glb(root, &chunk);
+        let of = |params: &str| {
+            let (mesh, findings) = read_all(params, &[("a.glb", &bytes)]);
+            (mesh.unwrap(), findings.warnings)
+        };
+        let (plain, warnings) = of("");
+        assert_eq!((corners(&plain)[0][2], warnings), ([1.0, 0.0, 1.0], vec![]));
+        assert_eq!(of("up = 'y'"), (plain.clone(), vec![]));
+        assert_eq!(of("up = 'z'"), (plain, vec!["`a.glb`: `up` is not heeded: glTF is always y up".to_string()]));
+    }
+
     /// Every byte of a rich GLB changed, and every length of it: an error or a mesh.
     #[test]
     fn broken_bytes() {
