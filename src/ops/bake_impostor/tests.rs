@@ -62,7 +62,7 @@ fn six() -> PlaneTiles {
 
 /// The six planes of a box's sides, so far inside.
 fn around(size: Vec3, inside: f64) -> PlaneTiles {
-    let side = |i: usize| if i % 2 == 0 { (i / 2, inside, -1.0) } else { (i / 2, size[i / 2] - inside, 1.0) };
+    let side = |i: usize| [(i / 2, inside, -1.0), (i / 2, size[i / 2] - inside, 1.0)][i % 2];
     across(Lattice::around([0.0; 3], size, 16), &[0, 1, 2, 3, 4, 5].map(side))
 }
 
@@ -316,7 +316,7 @@ fn normals_of_a_ball_are_its_own() {
             let (s, t) = (share(x, left, right), 1.0 - share(y, top, bottom));
             let p = [0, 1, 2].map(|k| a[k] + s * (b[k] - a[k]) + t * (d[k] - a[k]) - middle[k]);
             let flat = [dot(p, tangent), dot(p, up)];
-            let beside = flat[0].hypot(flat[1]) / 4.0;
+            let beside = (flat[0] * flat[0] + flat[1] * flat[1]).sqrt() / 4.0;
             // At its edges a quad goes on over what its neighbours show.
             if colour.texels[i][3] < 255 || beside > 0.75 {
                 continue;
