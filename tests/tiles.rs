@@ -116,9 +116,10 @@ fn a_thin_plate_is_two_tiles() {
     let plate = mesh(&block([0.0; 3], [10.0, 7.0, 0.05], |p| p));
     let all = voxels(&plate, &Voxelize { resolution: 40, ..Voxelize::default() }).0.unwrap();
     let found = tiles(&all, &VoteTile { stages: Stages::Both, ..VoteTile::default() });
+    assert_eq!(found.len(), 2, "{:?}", found.votes);
     // What is up in an OBJ is y here.
     let up: Vec<f64> = found.planes.iter().map(|&w| found.lattice.plane(w).0[1]).collect();
-    assert!(up.iter().filter(|z| z.abs() > 0.99).count() == 2 && up[0] * up[1] < 0.0, "{up:?}");
+    assert!(up.iter().all(|z| z.abs() > 0.99) && up[0] * up[1] < 0.0, "{up:?}");
 }
 
 /// Meshes with holes: the two outer layers stay white, and the volume is the same at twice the resolution.
