@@ -1,3 +1,5 @@
+mod fills;
+
 use super::*;
 
 fn mesh(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
