@@ -1,4 +1,5 @@
 mod fills;
+mod turns;
 
 use super::*;
 
