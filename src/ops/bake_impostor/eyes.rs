@@ -13,7 +13,7 @@ use crate::io::views::is_inside;
 /// Lines of sight, evenly spread over half of all directions.
 pub const LINES: usize = 64;
 /// Pixels of a picture a cell, about: its side is the next multiple of a word of marks, at most so many.
-const A_CELL: f64 = 6.0;
+const A_CELL: f64 = 8.0;
 const MOST: u32 = 512;
 /// Pixels from the outline within which nothing is missing.
 const OUTLINE: u32 = 2;

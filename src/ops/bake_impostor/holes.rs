@@ -16,7 +16,7 @@
 //!         with 200 eyes, which take half as long again: .978, 8 and .978, 0; (1) without the half cell: .967, 24 and
 //!         .973, 8; (1) without (3): 3,600 pixels of the cloth. Patches up to four cells wide: .975, 8 and .977, 0, but a
 //!         house .966 for .970. Tiles that go on into nothing up to where their planes meet, along every seam: .930. At 32
-//!         cells, pictures of 512 pixels instead of six pixels a cell take up to three times the time: the Buddha .876 and
+//!         cells, pictures of 512 pixels instead of eight pixels a cell take up to three times the time: the Buddha .876 and
 //!         1,480 (as it is: .896, 2,292), a bunny .922, 34 (.928, 152); a third of a cell instead of a half: .910, 2,958.
 
 use std::cell::LazyCell;

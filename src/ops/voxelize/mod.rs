@@ -130,10 +130,17 @@ impl Snapped {
         self.triangles.par_iter().filter(flat).count()
     }
 
-    /// Six times the volume, positive where faces look outside.
+    /// Six times the volume, positive where faces look outside. Measured from the middle: what is open has none else that
+    /// does not depend on where it lies.
     fn volume(&self) -> i128 {
+        let middle: [i128; 3] = std::array::from_fn(|k| {
+            let used = self.triangles.iter().flatten().map(|&v| self.vertices[v as usize][k]);
+            let (low, high) = used.fold((i32::MAX, i32::MIN), |(l, h), c| (l.min(c), h.max(c)));
+            (i128::from(low) + i128::from(high)) / 2
+        });
         let six = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(|v| self.vertices[v as usize].map(i128::from));
+            let [a, b, c] = t.map(|v| std::array::from_fn(|k| i128::from(self.vertices[v as usize][k]) - middle[k]));
+            let (a, b, c): ([i128; 3], [i128; 3], [i128; 3]) = (a, b, c);
             let det = |i: usize, j: usize, k: usize| a[i] * (b[j] * c[k] - b[k] * c[j]);
             det(0, 1, 2) + det(1, 2, 0) + det(2, 0, 1)
         };
@@ -316,17 +323,20 @@ fn thin_parts(hits: &Hits, out: &mut Voxels, thin: Thin) -> Vec<u64> {
             high[axis] += 1;
             out.losses.crossed += 1;
             // A surface on the node itself is no loss: the node is black.
-            let between = edge.iter().find(|c| c.place() != Place::OnNode);
-            let (Some(crossing), true) = (between, out.is_black(low) == out.is_black(high)) else { continue };
+            let has = |place: Place| edge.iter().any(|c| c.place() == place);
+            let nearer = [Place::Lower, Place::Half, Place::Upper].map(has);
+            if nearer == [false; 3] || out.is_black(low) != out.is_black(high) {
+                continue;
+            }
             out.losses.lost += 1;
             if out.is_black(low) || thin == Thin::Keep {
                 continue;
             }
-            let upper = match crossing.place() {
-                Place::Upper => true,
+            let upper = match nearer {
+                [true, _, false] => false,
+                [false, _, true] => true,
                 // Distances to the middle, doubled; equal ones mean the lower.
-                Place::Half => (2 * high[axis]).abs_diff(middle) < (2 * low[axis]).abs_diff(middle),
-                _ => false,
+                _ => (2 * high[axis]).abs_diff(middle) < (2 * low[axis]).abs_diff(middle),
             };
             let node = if upper { high } else { low };
             if !(is_wedge(edge) && is_beside_black(out, node)) {

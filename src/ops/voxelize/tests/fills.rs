@@ -120,3 +120,27 @@ fn a_dome_without_a_floor_is_full() {
         });
     }
 }
+
+/// Shallow trays, open to any side: what they hold is what the closed box holds, but for the layer at the missing lid.
+#[test]
+fn a_shallow_tray_is_full_whichever_way_it_is_open() {
+    for axis in 0..3 {
+        for height in [0.5, 1.0, 2.0, 3.0] {
+            let high = std::array::from_fn(|k| if k == axis { height } else { 10.0 });
+            let closed = block([0.0; 3], high);
+            let how = Voxelize { resolution: 40, thin: Thin::Keep, ..Voxelize::default() };
+            let whole = grid(&closed, &how).inside();
+            for lid in [0.0, height] {
+                let mut open = closed.clone();
+                let positions = open.positions.clone();
+                open.triangles.retain(|t| !t.iter().all(|&v| positions[v as usize][axis] == lid));
+                assert_eq!(open.triangles.len(), 10);
+                let inside = grid(&open, &how).inside();
+                assert!(
+                    2 * inside > whole && inside <= whole,
+                    "axis {axis}, {height} high, open at {lid}: {inside} of {whole}"
+                );
+            }
+        }
+    }
+}
