@@ -493,6 +493,28 @@ mod tests {
         assert!(!path.exists());
     }
 
+    /// What is small is appended to one file, however much of it there is; what is large has a file of its own.
+    #[test]
+    fn small_objects_of_a_run_share_one_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let small: Vec<Vec<u8>> = (0..500u32).map(|i| i.to_le_bytes().repeat(1 + i as usize)).collect();
+        let mut all: Vec<(Digest, &Vec<u8>)> = small.iter().map(|bytes| (put(&store, bytes), bytes)).collect();
+        let large = vec![7; SMALL as usize + 1];
+        all.push((put(&store, &large), &large));
+        let files = |name: &str| {
+            let mut folders = vec![folder.path().join(name)];
+            let mut found = 0;
+            while let Some(next) = folders.pop() {
+                let entries = fs::read_dir(next).into_iter().flatten().map(|e| e.unwrap().path());
+                entries.for_each(|path| if path.is_dir() { folders.push(path) } else { found += 1 });
+            }
+            found
+        };
+        assert_eq!((files("packs"), files("objects")), (1, 1));
+        assert!(all.iter().all(|(digest, bytes)| store.get(digest).as_ref() == Some(bytes)));
+    }
+
     #[test]
     fn folders_of_dead_runs_are_swept() {
         let folder = tempfile::tempdir().unwrap();
