@@ -220,7 +220,8 @@ mod tests {
     fn triangles_lean_as_they_lie() {
         for axis in 0..3 {
             let roof = |pitch: f64, turn: f64| {
-                let (s, c) = (turn.sin() * pitch.tan(), turn.cos() * pitch.tan());
+                let slope = libm::tan(pitch);
+                let (s, c) = (libm::sin(turn) * slope, libm::cos(turn) * slope);
                 let corner = |u: f64, v: f64| {
                     let mut out = [0; 3];
                     let z = 3.4 + s * (u - 3.0) + c * (v - 3.0);
