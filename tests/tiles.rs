@@ -102,7 +102,7 @@ fn a_slanted_plate_is_two_tiles() {
     for thick in [0.1, 0.02] {
         let plate = mesh(&block([0.0; 3], [10.0, 7.0, thick], |p| turned([5.0, 1.0, 0.0, 0.0], p)));
         let all = voxels(&plate, &Voxelize { resolution: 32, ..Voxelize::default() }).0.unwrap();
-        assert!(2 * all.losses.thickened > all.inside() as u64, "{:?} of {}", all.losses, all.inside());
+        assert!(2 * all.losses.thickened > all.inside(), "{:?} of {}", all.losses, all.inside());
         let found = tiles(&all, &VoteTile::default());
         assert_eq!(found.len(), 2, "{:?}", found.votes);
         let [a, b] = [0, 1].map(|i| found.lattice.plane(found.planes[i]).0);
