@@ -76,11 +76,7 @@ impl<'a> Paint<'a> {
     /// What decides where a triangle is drawn; none where all of it is.
     pub fn mask(&self, triangle: usize, level: usize) -> Option<Mask<'_>> {
         let material = self.material(triangle);
-        let cutoff = match material.alpha {
-            Alpha::Opaque => return None,
-            Alpha::Mask(cutoff) => cutoff,
-            Alpha::Blend => 0.5,
-        };
+        let cutoff = cutoff(material)?;
         let colours = self.colours(triangle);
         // Farther from the cutoff than rounding can tell, a mixture of shown texels is shown.
         let least = 255.0 * cutoff / material.base_colour[3];
@@ -174,10 +170,15 @@ fn place(places: [[f32; 2]; 3], w: [f32; 3]) -> [f32; 2] {
     [0, 1].map(|k| (0..3).map(|c| w[c] * places[c][k]).sum::<f32>())
 }
 
-fn is_drawn(material: &Material, alpha: f32) -> bool {
+/// The least alpha that is drawn; none where all is.
+fn cutoff(material: &Material) -> Option<f32> {
     match material.alpha {
-        Alpha::Opaque => true,
-        Alpha::Mask(cutoff) => alpha >= cutoff,
-        Alpha::Blend => alpha >= 0.5,
+        Alpha::Opaque => None,
+        Alpha::Mask(cutoff) => Some(cutoff),
+        Alpha::Blend => Some(0.5),
     }
+}
+
+fn is_drawn(material: &Material, alpha: f32) -> bool {
+    cutoff(material).is_none_or(|cutoff| alpha >= cutoff)
 }

@@ -22,15 +22,16 @@ pub struct Picture {
     pub levels: Vec<Level>,
 }
 
-/// Light of each value on a screen (sRGB).
+/// Light of a value from 0 to 255 on a screen: the sRGB curve (IEC 61966-2-1).
+fn decoded(value: f64) -> f32 {
+    let v = value / 255.0;
+    (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
+}
+
+/// Light of each value on a screen.
 pub fn linear() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
-    TABLE.get_or_init(|| {
-        std::array::from_fn(|i| {
-            let v = i as f64 / 255.0;
-            (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
-        })
-    })
+    TABLE.get_or_init(|| std::array::from_fn(|i| decoded(i as f64)))
 }
 
 /// Each value as a part of 255.
@@ -53,14 +54,8 @@ pub fn screen(light: f32) -> u8 {
     // look first, for each exponent and five bits more: four boundaries at most lie there.
     static TABLES: OnceLock<([f32; 256], Vec<u8>)> = OnceLock::new();
     let (bounds, first) = TABLES.get_or_init(|| {
-        let bounds: [f32; 256] = std::array::from_fn(|i| {
-            let v = (i as f64 + 0.5) / 255.0;
-            if i == 255 {
-                f32::INFINITY
-            } else {
-                (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
-            }
-        });
+        let mut bounds: [f32; 256] = std::array::from_fn(|i| decoded(i as f64 + 0.5));
+        bounds[255] = f32::INFINITY;
         let from = |i: u32| bounds.partition_point(|&b| b <= f32::from_bits(i << LOOK)) as u8;
         (bounds, (0..=1.0f32.to_bits() >> LOOK).map(from).collect())
     });
@@ -339,8 +334,7 @@ mod tests {
             let value = screen(light);
             assert!(value >= before, "{light}");
             if value > 0 && value < 255 {
-                let side = |v: f64| if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) };
-                let [low, high] = [-0.5, 0.5].map(|d| side((f64::from(value) + d) / 255.0) as f32);
+                let [low, high] = [-0.5, 0.5].map(|d| decoded(f64::from(value) + d));
                 assert!(low <= light && light < high, "{light}: {value}");
             }
             before = value;

@@ -14,6 +14,7 @@
 //! history/NAME-N      runs of the past (`history`)
 //! ```
 
+mod state;
 mod upkeep;
 
 use std::borrow::Cow;
@@ -25,9 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use super::folder::{
-    Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_large, read_state, read_through,
-};
+use super::folder::{Wait, fresh_id, has_folders, is_read_only, object_path, open, prepare, read_large, read_through};
 use super::index::{Index, Pack};
 use super::lock::{Claim, Guard, Locks};
 use super::pack::{self, Appender, Frame, What};
@@ -125,11 +124,6 @@ impl Store {
         &self.root
     }
 
-    /// Where the small state files of `plan`, `publish` and `last` lie.
-    pub fn state(&self, folder: &str, name: &str) -> PathBuf {
-        self.root.join(folder).join(name)
-    }
-
     /// The device of the cache, where changes of files show however soon they come ([`stamp::grain`]).
     pub fn grain(&self) -> Option<u64> {
         *self.grain.get_or_init(|| stamp::grain(&self.fresh()))
@@ -143,46 +137,6 @@ impl Store {
     pub fn fresh(&self) -> PathBuf {
         let n = self.names.fetch_add(1, Ordering::Relaxed);
         self.write.join("tmp").join(format!("{:016x}", self.id)).join(n.to_string())
-    }
-
-    /// Writes a state file whole, or not at all.
-    pub fn put_state(&self, folder: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
-        if self.is_read_only() {
-            return Ok(());
-        }
-        let fresh = self.fresh();
-        fs::write(&fresh, bytes)?;
-        let path = self.state(folder, name);
-        if folder == "runs" {
-            self.fresh.lock().unwrap().push(path.clone());
-        }
-        match fs::rename(&fresh, &path) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {
-                fs::create_dir_all(self.root.join(folder))?;
-                fs::rename(&fresh, &path)
-            }
-            other => other,
-        }
-    }
-
-    /// Writes a state file whole, unless there is something of that name: whether it did.
-    pub fn put_new_state(&self, folder: &str, name: &str, bytes: &[u8]) -> io::Result<bool> {
-        let (fresh, path) = (self.fresh(), self.state(folder, name));
-        fs::create_dir_all(self.root.join(folder))?;
-        fs::write(&fresh, bytes)?;
-        let put = match fs::hard_link(&fresh, &path) {
-            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-            // A file system without links.
-            Err(_) if fs::symlink_metadata(&path).is_err() => fs::rename(&fresh, &path).map(|()| true),
-            other => other.map(|()| true),
-        };
-        let _ = fs::remove_file(&fresh);
-        put
-    }
-
-    /// A state file's bytes; none where there is no such file.
-    pub fn get_state(&self, folder: &str, name: &str) -> Vec<u8> {
-        read_state(&self.state(folder, name)).unwrap_or_default()
     }
 
     /// Claims a key, so that two processes do not compute it at once. None where there are no claims.

@@ -113,24 +113,24 @@ pub struct Seen {
     triangles: Vec<u32>,
 }
 
-/// The nearest triangle at each pixel.
-struct Nearest {
+/// Depth and number of the nearest triangle at each pixel.
+struct DepthBuffer {
     near: Vec<f32>,
     triangle: Vec<u32>,
 }
 
-/// What two eyes draw on, once and again.
-pub struct Canvases([Nearest; 2]);
+/// Those of two eyes, used again for the next two.
+pub struct DepthBuffers([DepthBuffer; 2]);
 
 const NONE: u32 = u32::MAX;
 
-impl Canvases {
+impl DepthBuffers {
     pub fn new() -> Self {
-        Self([(); 2].map(|()| Nearest { near: Vec::new(), triangle: Vec::new() }))
+        Self([(); 2].map(|()| DepthBuffer { near: Vec::new(), triangle: Vec::new() }))
     }
 }
 
-impl Nearest {
+impl DepthBuffer {
     fn clear(&mut self, pixels: usize) {
         self.near.clear();
         self.near.resize(pixels, f32::NEG_INFINITY);
@@ -172,7 +172,7 @@ impl Eyes {
     }
 
     /// What each of the two sees of the mesh, and what may be drawn: up to a `margin` around.
-    pub fn look(self, scene: &Scene, margin: f64, on: &mut Canvases) -> (Outline, [Seen; 2]) {
+    pub fn look(self, scene: &Scene, margin: f64, on: &mut DepthBuffers) -> (Outline, [Seen; 2]) {
         let seen = self.seen(scene, &mut on.0);
         let inside = Marked(seen[0].drawn.0.iter().zip(&seen[1].drawn.0).map(|(a, b)| a | b).collect());
         let far = (margin * self.scale) as usize;
@@ -180,9 +180,9 @@ impl Eyes {
         (Outline { eyes: self, inside, around }, seen)
     }
 
-    fn seen(&self, scene: &Scene, both: &mut [Nearest; 2]) -> [Seen; 2] {
+    fn seen(&self, scene: &Scene, both: &mut [DepthBuffer; 2]) -> [Seen; 2] {
         let Scene { mesh, paint, .. } = scene;
-        both.iter_mut().for_each(|n| n.clear(self.pixels()));
+        both.iter_mut().for_each(|buffer| buffer.clear(self.pixels()));
         let placed: Vec<([i64; 2], f32)> = mesh.positions.iter().map(|&p| self.place(p)).collect();
         for (t, corners) in mesh.triangles.iter().enumerate() {
             let corners = corners.map(|v| placed[v as usize]);
@@ -208,7 +208,7 @@ impl Eyes {
                 }
             });
         }
-        both.each_ref().map(Nearest::seen)
+        both.each_ref().map(DepthBuffer::seen)
     }
 
     fn level(&self, scene: &Scene, triangle: usize, area: i64) -> usize {

@@ -24,7 +24,7 @@ use std::cell::LazyCell;
 use rayon::prelude::*;
 
 use super::canvas::Window;
-use super::eyes::{Canvases, Eyes, LINES, Missing, Outline, Seen, Shown};
+use super::eyes::{DepthBuffers, Eyes, LINES, Missing, Outline, Seen, Shown};
 use super::pieces::Piece;
 use super::planes::Scene;
 use crate::geom::space::{Vec3, dot, sub};
@@ -68,11 +68,11 @@ impl Mending {
         let views::View { middle, half, .. } = views::cameras(scene.mesh)[0];
         let margin = 0.5 * scene.planes.cell;
         // (1) What eyes see of the mesh.
-        let look = |canvases: &mut Canvases, i: usize| {
-            Eyes::new(middle, half, scene.planes.cell, i).look(scene, margin, canvases)
+        let look = |buffers: &mut DepthBuffers, i: usize| {
+            Eyes::new(middle, half, scene.planes.cell, i).look(scene, margin, buffers)
         };
         let (outlines, seen): (Vec<Outline>, Vec<[Seen; 2]>) =
-            (0..LINES).into_par_iter().map_init(Canvases::new, look).unzip();
+            (0..LINES).into_par_iter().map_init(DepthBuffers::new, look).unzip();
         let mut out = Self { outlines, of_tile: vec![Vec::new(); scene.planes.len()] };
 
         // (2) And of the pieces, without what sticks out.
@@ -131,7 +131,7 @@ pub fn missing(scene: &Scene, pieces: &[Piece]) -> usize {
     let views::View { middle, half, .. } = views::cameras(scene.mesh)[0];
     let shown: Vec<Shown> = pieces.iter().map(|p| Shown::new(p, |_, _| ())).collect();
     let of_line = |i: usize| {
-        let (outline, seen) = Eyes::new(middle, half, scene.planes.cell, i).look(scene, 0.0, &mut Canvases::new());
+        let (outline, seen) = Eyes::new(middle, half, scene.planes.cell, i).look(scene, 0.0, &mut DepthBuffers::new());
         outline.eyes.missing(scene, &seen, &shown).len()
     };
     (0..LINES).map(of_line).sum()

@@ -15,6 +15,7 @@
 //! Tried:  an octree with lists of cones: the same planes, 170 times slower; removing only the sticks that voted: 7 times
 //!         as many tiles.
 
+mod climb;
 pub mod cones;
 pub mod dictionary;
 mod polish;

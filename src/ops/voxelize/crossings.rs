@@ -22,15 +22,16 @@ pub struct Snapped {
 pub type Crossings = Vec<Crossing>;
 
 /// Lower node as z, y, x of 16 bits each, then: 1 where the ray comes in (0: goes out), then which end of the edge is
-/// nearer (0 lower, 1 half way, 2 upper, 3: on the lower node itself), then how the triangle leans (see [`lean`]).
+/// nearer (0 lower, 1 half way, 2 upper, 3: on the lower node itself), then the triangle's normal (see
+/// [`octahedral`]).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub struct Crossing(u64);
 
 const COMES_IN: u32 = 15;
 const PLACE: u32 = 13;
-/// Bits of each of the two numbers that say how a triangle leans, and the largest of these.
-const LEAN: u32 = 6;
-const MOST: f64 = 31.0;
+/// Bits of each of the two numbers of a normal, and what stands for 1.
+const NORMAL: u32 = 6;
+const ONE: f64 = 31.0;
 
 impl Crossing {
     /// x, y, z of the edge's lower node.
@@ -47,7 +48,7 @@ impl Crossing {
     /// The cosine of the angle between two triangles' normals, each on the side to which the axis runs; within 0.1.
     pub fn cosine(self, other: Self) -> f64 {
         let normal = |c: u64| {
-            let [u, v] = [c, c >> LEAN].map(|l| (l & ((1 << LEAN) - 1)) as f64 / MOST - 1.0);
+            let [u, v] = [c, c >> NORMAL].map(|n| (n & ((1 << NORMAL) - 1)) as f64 / ONE - 1.0);
             [u, v, 1.0 - u.abs() - v.abs()]
         };
         let (a, b) = (normal(self.0), normal(other.0));
@@ -137,7 +138,7 @@ fn cross(corners: &[[i32; 3]; 3], axis: usize, flip: bool, out: &mut Crossings, 
         std::mem::swap(&mut b, &mut c);
         area = -area;
     }
-    let lean = lean([[a[iu], a[iv], a[axis]], [b[iu], b[iv], b[axis]], [c[iu], c[iv], c[axis]]]);
+    let normal = octahedral([[a[iu], a[iv], a[axis]], [b[iu], b[iv], b[axis]], [c[iu], c[iv], c[axis]]]);
     let ends = [(at(&b), at(&c)), (at(&c), at(&a)), (at(&a), at(&b))];
     let heights = [a, b, c].map(|p| i64::from(p[axis]));
     let edges = ends.map(|(p, q)| ([q[0] - p[0], q[1] - p[1]], p));
@@ -171,21 +172,22 @@ fn cross(corners: &[[i32; 3]; 3], axis: usize, flip: bool, out: &mut Crossings, 
                 on.push(key_of(node));
             }
             if inside {
-                let rest = u64::from(comes_in) << COMES_IN | (place as u64) << PLACE | lean;
+                let rest = u64::from(comes_in) << COMES_IN | (place as u64) << PLACE | normal;
                 out.push(Crossing(key_of(node) << 16 | rest));
             }
         }
     }
 }
 
-/// How a triangle leans that turns clockwise as one looks along the third axis: its normal, scaled so that its numbers'
-/// sizes add up to one, without the third, which is never negative; whole numbers from 0, for -1, to twice [`MOST`].
-fn lean([a, b, c]: [[i32; 3]; 3]) -> u64 {
+/// The normal of a triangle that turns clockwise as one looks along the third axis, on the upper half of the octahedron
+/// (octahedral encoding): scaled so that its numbers' sizes add up to one, without the third, which is never negative;
+/// whole numbers from 0, for -1, to twice [`ONE`].
+fn octahedral([a, b, c]: [[i32; 3]; 3]) -> u64 {
     let side = |p: [i32; 3]| [0, 1, 2].map(|k| f64::from(p[k]) - f64::from(a[k]));
     let normal = crate::geom::space::cross(side(b), side(c));
     let size: f64 = normal.iter().map(|n| n.abs()).sum();
-    let [u, v] = [0, 1].map(|k| ((normal[k] / size + 1.0) * MOST).round() as u64);
-    u | v << LEAN
+    let [u, v] = [0, 1].map(|k| ((normal[k] / size + 1.0) * ONE).round() as u64);
+    u | v << NORMAL
 }
 
 /// The node below the triangle's height where its edge functions are `e`, and how far above it the triangle is.
@@ -215,9 +217,9 @@ fn height(e: [i64; 3], heights: [i64; 3], area: i64) -> (i64, Place) {
 mod tests {
     use super::*;
 
-    /// Two roofs over an edge of the grid, of all pitches and turns: what they are known to lean is what they do.
+    /// Two roofs over an edge of the grid, of all pitches and turns.
     #[test]
-    fn triangles_lean_as_they_lie() {
+    fn normals_are_known_of_crossings() {
         for axis in 0..3 {
             let roof = |pitch: f64, turn: f64| {
                 let slope = libm::tan(pitch);
