@@ -19,7 +19,7 @@ use lodge::ops::ALL;
 use lodge::run::event::Status;
 use lodge::run::{self, Options};
 use serde_json::Value;
-use support::{Place, project};
+use support::{HOUSES, Place, project};
 
 /// The system's allocator, counted.
 struct Counting;
@@ -169,94 +169,6 @@ fn measure(file: &Path, sets: &[String], place: &Place) -> Vec<Seen> {
     all
 }
 
-/// Readers and operators that the town's own pipeline has not.
-const OTHERS: &str = r#"
-[node.city]
-op = "read-cityjson"
-path = "houses.city.json"
-
-[node.plan]
-op = "footprint"
-in.buildings = "city"
-
-[node.simple-plan]
-op = "simplify-footprints"
-in.footprints = "plan"
-max-edges = 4
-
-[node.tree]
-op = "cluster"
-in.footprints = "plan"
-distance = "footprint"
-
-[node.rings]
-op = "merge-hulls"
-in.footprints = "plan"
-in.dendrogram = "tree"
-merge = "source"
-
-[node.simple-rings]
-op = "simplify-polyline"
-in.hulls = "rings"
-
-[node.level]
-op = "cut"
-in.hulls = "rings"
-in.dendrogram = "tree"
-clusters = 2000
-
-[node.stones]
-op = "extrude"
-in.hulls = "level"
-in.footprints = "plan"
-
-[node.landmarks]
-op = "landmarks"
-in.footprints = "plan"
-in.dendrogram = "tree"
-
-[node.tiles]
-op = "tile"
-in.footprints = "plan"
-in.dendrogram = "tree"
-in.hulls = "rings"
-in.landmarks = "landmarks"
-in.buildings = "city"
-
-[node.tileset]
-op = "write-tileset"
-in.tree = "tiles"
-path = "tileset"
-
-[node.model]
-op = "write-cityjson"
-in.buildings = "city"
-in.mesh = "stones"
-in.footprints = "plan"
-in.dendrogram = "tree"
-path = "model.city.json"
-
-[node.sequence]
-op = "write-cityjson"
-in.buildings = "city"
-path = "model.city.jsonl"
-
-[node.glb]
-op = "write-glb"
-in.model = "stones"
-path = "stones.glb"
-
-[node.map]
-op = "write-geojson"
-in.layer = "plan"
-path = "plan.geojson"
-
-[node.map-of-rings]
-op = "write-geojson"
-in.layer = "rings"
-path = "rings.geojson"
-"#;
-
 const SEQUENCE: &str = r#"
 [node.city]
 op = "read-cityjson"
@@ -352,7 +264,7 @@ fn estimates_are_within_a_factor_of_two() {
     ];
     place.write("houses.city.json", houses([25, 40]));
     let mut all = measure(&project().join("pipelines/town.toml"), &sets, &place);
-    all.extend(measure(&place.write("others.toml", OTHERS), &[], &place));
+    all.extend(measure(&place.write("others.toml", HOUSES), &[], &place));
     all.extend(measure(&place.write("sequence.toml", SEQUENCE), &[], &place));
 
     let impostor = place.write("impostor.toml", IMPOSTOR);

@@ -9,7 +9,7 @@ use lodge::artifact::sections::Decoder;
 use lodge::artifact::{KINDS, Kind};
 use lodge::digest::Digest;
 use lodge::run::store::Store;
-use support::{Place, project};
+use support::{Place, Random, project};
 
 /// One object of each kind, made by the shipped pipelines.
 fn objects() -> Vec<(&'static Kind, Vec<u8>)> {
@@ -63,12 +63,9 @@ fn both(kind: &Kind, bytes: &[u8], here: usize) -> [Option<Vec<u8>>; 2] {
 
 #[test]
 fn bytes_that_are_not_its_own() {
-    let mut state = 7u64;
-    let mut dice = move |n: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % n.max(1)
-    };
-    let rounds = if std::env::var("LODGE_LONG").is_ok_and(|v| v == "1") { 200_000 } else { 2_000 };
+    let mut random = Random(7);
+    let mut dice = move |n: usize| random.below(n);
+    let rounds = if support::is_long() { 200_000 } else { 2_000 };
     for (kind, bytes) in objects() {
         let [whole, streamed] = both(kind, &bytes, 4096);
         assert!(whole.as_ref() == Some(&bytes) && streamed == whole, "{}: its own bytes", kind.name);

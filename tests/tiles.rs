@@ -13,7 +13,7 @@ use lodge::op::{Bench, Inputs, Op, Source};
 use lodge::ops::read_mesh::ReadMesh;
 use lodge::ops::vote_tile::{Stages, VoteTile, vote_tile};
 use lodge::ops::voxelize::{Fill, Thin, Voxelize};
-use support::{read_files, real_data};
+use support::{Random, read_files, real_data};
 
 /// The lines of an OBJ: a box between two corners, turned.
 fn block(low: [f64; 3], high: [f64; 3], turn: impl Fn([f64; 3]) -> [f64; 3]) -> String {
@@ -76,11 +76,8 @@ fn stabbed(all: &Voxels, tiles: &PlaneTiles) -> f64 {
 /// With thin parts thickened: a body's edges are none, though the grid's edges clip them.
 #[test]
 fn a_box_at_any_turn_is_six_tiles() {
-    let mut state = 5u64;
-    let mut dice = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as f64 / f64::from(1u32 << 31) - 0.5
-    };
+    let mut random = Random(5);
+    let mut dice = || random.below(1 << 20) as f64 / f64::from(1 << 20) - 0.5;
     let straight = [[1.0, 0.0, 0.0, 0.0], [3.0, 1.0, 0.0, 0.0]];
     for (i, q) in straight.into_iter().chain((0..14).map(|_| [dice(), dice(), dice(), dice()])).enumerate() {
         let body = mesh(&block([0.0; 3], [5.0, 4.0, 3.0], |p| turned(q, p)));

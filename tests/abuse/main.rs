@@ -19,30 +19,11 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
-use support::{Place, binary, project};
+use support::{Place, Random, binary, project};
 
 /// `n` in the long form, a tenth of it in the short one.
 fn times(n: usize) -> usize {
-    if std::env::var("LODGE_LONG").is_ok_and(|v| !["", "0"].contains(&v.as_str())) { n } else { n / 10 }
-}
-
-/// The same numbers every time (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn new(what: &str) -> Self {
-        let seed = std::env::var("LODGE_SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
-        println!("{what}: seed {seed}");
-        Self(seed)
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % n.max(1) as u64) as usize
-    }
+    if support::is_long() { n } else { n / 10 }
 }
 
 /// The town with a plan and a model at so many levels, and a tileset: `p.toml`.

@@ -127,3 +127,115 @@ fn walk(root: &Path, dir: &Path, all: &mut BTreeMap<String, String>) {
 pub fn node<'a>(run: &'a Value, name: &str) -> &'a Value {
     run["nodes"].as_array().unwrap().iter().find(|n| n["name"] == name).unwrap_or_else(|| panic!("no node {name}"))
 }
+
+/// A pipeline over `houses.city.json`: readers and operators that the town's own has not.
+pub const HOUSES: &str = r#"
+[node.city]
+op = "read-cityjson"
+path = "houses.city.json"
+
+[node.plan]
+op = "footprint"
+in.buildings = "city"
+
+[node.simple-plan]
+op = "simplify-footprints"
+in.footprints = "plan"
+max-edges = 4
+
+[node.tree]
+op = "cluster"
+in.footprints = "plan"
+distance = "footprint"
+
+[node.rings]
+op = "merge-hulls"
+in.footprints = "plan"
+in.dendrogram = "tree"
+merge = "source"
+
+[node.simple-rings]
+op = "simplify-polyline"
+in.hulls = "rings"
+
+[node.level]
+op = "cut"
+in.hulls = "rings"
+in.dendrogram = "tree"
+clusters = 2000
+
+[node.stones]
+op = "extrude"
+in.hulls = "level"
+in.footprints = "plan"
+
+[node.landmarks]
+op = "landmarks"
+in.footprints = "plan"
+in.dendrogram = "tree"
+
+[node.tiles]
+op = "tile"
+in.footprints = "plan"
+in.dendrogram = "tree"
+in.hulls = "rings"
+in.landmarks = "landmarks"
+in.buildings = "city"
+
+[node.tileset]
+op = "write-tileset"
+in.tree = "tiles"
+path = "tileset"
+
+[node.model]
+op = "write-cityjson"
+in.buildings = "city"
+in.mesh = "stones"
+in.footprints = "plan"
+in.dendrogram = "tree"
+path = "model.city.json"
+
+[node.sequence]
+op = "write-cityjson"
+in.buildings = "city"
+path = "model.city.jsonl"
+
+[node.glb]
+op = "write-glb"
+in.model = "stones"
+path = "stones.glb"
+
+[node.map]
+op = "write-geojson"
+in.layer = "plan"
+path = "plan.geojson"
+
+[node.map-of-rings]
+op = "write-geojson"
+in.layer = "rings"
+path = "rings.geojson"
+"#;
+
+/// Whether LODGE_LONG asks for the long forms.
+pub fn is_long() -> bool {
+    std::env::var("LODGE_LONG").is_ok_and(|v| !["", "0"].contains(&v.as_str()))
+}
+
+/// The same numbers every time (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn new(what: &str) -> Self {
+        let seed = std::env::var("LODGE_SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
+        println!("{what}: seed {seed}");
+        Self(seed)
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % n.max(1) as u64) as usize
+    }
+}
