@@ -9,7 +9,7 @@ mod support;
 mod terminal;
 
 use std::collections::BTreeMap;
-use std::process::Output;
+use std::process::{Command, Output};
 
 use serde_json::{Value, json};
 use support::Place;
@@ -268,25 +268,34 @@ fn in_ci_no_snapshot_is_touched() {
     assert!(after.contains_key(&format!("{large}.new")) && after[&large] == texts[&large], "{after:?}");
 }
 
-/// In a Cargo project (README: three lines make one) insta's own tool lists and accepts our files.
-#[test]
-fn cargo_insta_lists_and_accepts_ours() {
-    let insta = |place: &Place, args: &[&str]| {
-        let mut command = std::process::Command::new("cargo-insta");
-        command.current_dir(place.dir.path()).env_remove("CI").args(args).output()
+/// The Cargo project of README's lines in `place`, and how insta's own tool is called there. None where there is no tool.
+fn cargo_project(place: &Place) -> Option<impl Fn() -> Command> {
+    let folder = place.dir.path().to_path_buf();
+    let insta = move || {
+        let mut command = Command::new("cargo-insta");
+        command.current_dir(&folder).env_remove("CI");
+        command
     };
-    let place = four();
-    if insta(&place, &["--version"]).is_err() {
-        return println!("skipped: no cargo-insta");
+    if insta().arg("--version").output().is_err() {
+        println!("skipped: no cargo-insta");
+        return None;
     }
     let readme = std::fs::read_to_string(support::project().join("README.md")).unwrap();
     let stub = readme.split("```toml\n").find(|t| t.starts_with("[package]")).unwrap().split("```").next().unwrap();
     place.write("Cargo.toml", stub);
+    Some(insta)
+}
+
+/// In a Cargo project (README: a few lines make one) insta's own tool lists and accepts our files.
+#[test]
+fn cargo_insta_lists_and_accepts_ours() {
+    let place = four();
+    let Some(insta) = cargo_project(&place) else { return };
     say(&place, &["test", "four.toml"]);
-    let listed = told(&insta(&place, &["pending-snapshots"]).unwrap()).1;
+    let listed = told(&insta().arg("pending-snapshots").output().unwrap()).1;
     assert_eq!(listed.matches("\n  snapshots/four__").count(), 3, "{listed}");
     let ours: Vec<String> = files(&place).into_values().collect();
-    assert_eq!(told(&insta(&place, &["accept"]).unwrap()).0, 0);
+    assert_eq!(told(&insta().arg("accept").output().unwrap()).0, 0);
     assert_eq!(files(&place).into_values().collect::<Vec<_>>(), ours, "by its bytes what `lodge accept` makes");
     assert_eq!(say(&place, &["test", "--exact", "four.toml"]).0, 0);
 }

@@ -1,10 +1,12 @@
 //! Reviews at a terminal: keys are pressed through a pseudo-terminal.
 
+use std::io::{Read, Write};
+use std::process::Command;
+
 use super::support::{self, Place};
-use super::{files, four, say, squares};
+use super::{cargo_project, files, four, say, squares};
 
 /// Only what was shown is accepted.
-#[cfg(unix)]
 #[test]
 fn a_snapshot_that_changes_during_its_review_stays() {
     let place = four();
@@ -25,30 +27,31 @@ fn a_snapshot_that_changes_during_its_review_stays() {
     assert!(code == 3 && text.contains("another one") && text.contains("0 accepted"), "{code} {text}");
 }
 
-/// `lodge review` with a pseudo-terminal: each key is pressed once it is asked for. None where there is no such thing.
-#[cfg(unix)]
+/// `lodge` at a terminal: what it asks ends with its last choice. None where there is no pseudo-terminal.
 fn at_a_terminal(place: &Place, args: &[&str], keys: &str) -> Option<(i32, String)> {
     at_a_terminal_with(place, args, keys, &mut |_| ())
 }
 
 /// And something happens before the n-th key.
-#[cfg(unix)]
 fn at_a_terminal_with(
     place: &Place,
     args: &[&str],
     keys: &str,
     before: &mut dyn FnMut(usize),
 ) -> Option<(i32, String)> {
-    use std::io::{Read, Write};
+    let mut command = support::binary();
+    command.current_dir(place.dir.path()).args(args);
+    press(command, "q quit: ", keys, before)
+}
 
+/// Runs a command with a pseudo-terminal: each key is pressed once it is asked for. None where there is no such thing.
+fn press(mut command: Command, asks: &str, keys: &str, before: &mut dyn FnMut(usize)) -> Option<(i32, String)> {
     let Ok(pty) = nix::pty::openpty(None, None) else {
         println!("skipped: no pseudo-terminal");
         return None;
     };
     let side = || pty.slave.try_clone().unwrap();
-    let mut command = support::binary();
-    command.current_dir(place.dir.path()).args(args).stdin(side()).stdout(side()).stderr(side());
-    let mut child = command.spawn().unwrap();
+    let mut child = command.stdin(side()).stdout(side()).stderr(side()).spawn().unwrap();
     drop((command, pty.slave));
     let mut terminal = std::fs::File::from(pty.master);
     let (mut text, mut keys, mut seen) = (String::new(), keys.chars().enumerate(), 0);
@@ -56,7 +59,7 @@ fn at_a_terminal_with(
     // The end of a terminal without another side is an error.
     while let Ok(n @ 1..) = terminal.read(&mut bytes) {
         text += &String::from_utf8_lossy(&bytes[..n]);
-        while let Some(asked) = text[seen..].find("q quit: ") {
+        while let Some(asked) = text[seen..].find(asks) {
             seen += asked + 1;
             match keys.next() {
                 Some((n, key)) => {
@@ -73,7 +76,6 @@ fn at_a_terminal_with(
 }
 
 #[test]
-#[cfg(unix)]
 fn a_review_at_a_terminal() {
     let place = four();
     let fresh = || {
@@ -129,4 +131,40 @@ fn a_review_without_a_terminal_says_what_to_do_instead() {
     let (code, text) = say(&place, &["--json", "review"]);
     assert!(code == 2 && text.contains("\"no-terminal\""), "{text}");
     assert_eq!(files(&place), before);
+}
+
+/// insta's own tool, in a Cargo project of README's lines: it shows each of ours with its text and takes its key.
+#[test]
+fn cargo_insta_reviews_ours() {
+    let place = four();
+    let Some(insta) = cargo_project(&place) else { return };
+    let review = |keys: &str| {
+        let mut command = insta();
+        command.arg("review").env("TERM", "xterm").env("NO_COLOR", "1");
+        press(command, "toggle snapshot diff", keys, &mut |_| ())
+    };
+    assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    let ours: Vec<String> = files(&place).into_values().collect();
+    let Some((code, text)) = review("asr") else { return };
+    assert_eq!(code, 0, "{text}");
+    for word in ["[1/3]", "snapshots/four__plan.snap", "+Footprints", "[3/3]", "four__tree-min-distance-0.1.snap"] {
+        assert!(text.contains(word), "{word}: {text}");
+    }
+    let tree = "four__tree-min-distance-0.01.snap.new";
+    assert_eq!(files(&place).into_keys().collect::<Vec<_>>(), ["four__plan.snap", tree], "{text}");
+    assert_eq!(review("a").unwrap().0, 0);
+    assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    assert_eq!(review("a").unwrap().0, 0);
+    assert_eq!(files(&place).into_values().collect::<Vec<_>>(), ours, "by its bytes what `lodge accept` makes");
+    let (code, text) = say(&place, &["test", "--exact", "four.toml"]);
+    assert!(code == 0 && text.contains("3 stages, 3 as they were"), "{code} {text}");
+
+    // With its difference from what was.
+    place.write("four.geojson", squares(0.0001001));
+    assert_eq!(say(&place, &["test", "four.toml"]).0, 3);
+    let waiting = files(&place).into_keys().filter(|name| name.ends_with(".new")).count();
+    let (code, text) = review(&"a".repeat(waiting)).unwrap();
+    let (old, new) = (text.matches("│-").count(), text.matches("│+").count());
+    assert!(code == 0 && old > 0 && new > 0, "{text}");
+    assert_eq!(say(&place, &["test", "--exact", "four.toml"]).0, 0);
 }
