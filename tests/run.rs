@@ -1,9 +1,13 @@
 //! How nodes fail, and what the others do meanwhile.
 
+mod support;
 mod toy;
+
+use std::process::Command;
 
 use lodge::run::event::Status;
 use serde_json::json;
+use support::{Place, node};
 use toy::{Yard, tree};
 
 fn forked(home: &std::path::Path, fail: &str) -> Yard {
@@ -237,4 +241,39 @@ fn any_number_of_threads_and_any_folder_give_the_same_bytes() {
     }
     assert!(trees.windows(2).all(|w| w[0] == w[1]));
     assert!(digests.windows(2).all(|w| w[0] == w[1]));
+}
+
+/// Counted by strace: what one run waits for does not grow with its nodes.
+#[test]
+fn no_node_waits_for_the_disk() {
+    let strace = |place: &Place| {
+        let mut command = Command::new("strace");
+        let calls = "trace=fsync,fdatasync,sync,syncfs,sync_file_range,msync";
+        command.args(["-f", "-qq", "-e", "signal=none", "-e", calls, "-o", "calls"]).current_dir(place.dir.path());
+        command
+    };
+    if !strace(&Place::new()).arg("true").output().is_ok_and(|done| done.status.success()) {
+        return println!("skipped: no strace that may trace");
+    }
+    let counted = [10, 1000].map(|nodes| {
+        let place = Place::new();
+        // Each a result and a published file of its own; a tree, so that some wait for others.
+        let text = (0..nodes).map(|i| {
+            let of = if i == 0 { String::new() } else { format!("in.parts = \"n{}\"\n", (i - 1) / 3) };
+            format!("[node.n{i}]\nop = \"concat\"\ntext = \"{i}\"\npublish = \"n{i}\"\n{of}")
+        });
+        place.write("p.toml", text.collect::<String>());
+        let mut command = strace(&place);
+        command.arg(env!("CARGO_BIN_EXE_lodge")).args(["--json", "-j", "2", "--cache", "cache", "run", "p.toml"]);
+        let done = command.output().unwrap();
+        let run: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+        assert_eq!(node(&run, &format!("n{}", nodes - 1))["status"], "ran", "{run}");
+        assert_eq!(tree(&place.path("out")).iter().filter(|(name, _)| name.contains("/n")).count(), nodes);
+        let calls = std::fs::read_to_string(place.path("calls")).unwrap();
+        calls.lines().filter(|line| !line.contains("resumed>")).map(String::from).collect::<Vec<_>>()
+    });
+    let [few, many] = &counted;
+    println!("{} waits for the disk in a run of 10 nodes, {} in one of 1,000", few.len(), many.len());
+    assert!(!few.is_empty(), "the end of a run waits for the disk");
+    assert_eq!(few.len(), many.len(), "{few:#?} {many:#?}");
 }
