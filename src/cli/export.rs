@@ -145,7 +145,7 @@ impl Args {
                 None if passes < 3 => {
                     passes += 1;
                     lost.extend([record.digest].into_iter().chain(record.notes));
-                    store.troubles().iter().for_each(|line| super::warn(line));
+                    store.trouble().iter().for_each(|line| super::warn(line));
                 }
                 None => {
                     let what = format!("the result of `{}` cannot be read from the cache", self.node);

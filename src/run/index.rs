@@ -24,8 +24,46 @@ pub struct Index {
     pub dropped: BTreeSet<Digest>,
     /// Objects that turned out damaged or missing.
     pub damaged: BTreeSet<Digest>,
-    /// One sentence for each.
-    pub troubles: Vec<String>,
+    /// Keys of results that should be here: the last run had them.
+    pub expected: BTreeSet<Digest>,
+    pub lost: Lost,
+}
+
+/// What turned out damaged, or missing where it should be.
+#[derive(Default)]
+pub struct Lost {
+    /// Of packs, between their records.
+    pub bytes: u64,
+    pub results: usize,
+    pub objects: Vec<Digest>,
+}
+
+impl Lost {
+    /// One sentence, however much it is.
+    pub fn sentence(&self) -> Option<String> {
+        let results = match self.results {
+            0 => None,
+            1 => Some("a result".to_string()),
+            n => Some(format!("{n} results")),
+        };
+        let objects = match self.objects[..] {
+            [] => None,
+            [one] => Some(format!("object {}", one.short(6))),
+            _ => Some(format!("{} objects", self.objects.len())),
+        };
+        let are = if self.results + self.objects.len() == 1 { "is" } else { "are" };
+        let they = if are == "is" { "it is" } else { "they are" };
+        match (results, objects) {
+            (None, None) if self.bytes == 0 => None,
+            (None, None) => {
+                Some(format!("{} bytes of the cache are damaged; what is missing is computed again", self.bytes))
+            }
+            (a, b) => {
+                let what = a.into_iter().chain(b).collect::<Vec<_>>().join(" and ");
+                Some(format!("{what} in the cache {are} missing or damaged; {they} computed again"))
+            }
+        }
+    }
 }
 
 pub struct Pack {
@@ -125,5 +163,26 @@ impl Index {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_lost_is_one_sentence() {
+        let said = |bytes, results, objects: &[&[u8]]| {
+            Lost { bytes, results, objects: objects.iter().map(|o| Digest::of(o)).collect() }.sentence()
+        };
+        let [one, two] = [&b"a"[..], b"b"];
+        assert_eq!(said(0, 0, &[]), None);
+        assert_eq!(said(7, 0, &[]).unwrap(), "7 bytes of the cache are damaged; what is missing is computed again");
+        assert_eq!(said(7, 1, &[]).unwrap(), "a result in the cache is missing or damaged; it is computed again");
+        let named =
+            format!("object {} in the cache is missing or damaged; it is computed again", Digest::of(one).short(6));
+        assert_eq!(said(0, 0, &[one]).unwrap(), named);
+        let all = "3 results and 2 objects in the cache are missing or damaged; they are computed again";
+        assert_eq!(said(7, 3, &[one, two]).unwrap(), all);
     }
 }

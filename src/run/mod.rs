@@ -154,6 +154,7 @@ pub fn run(graph: &Arc<Graph>, only: &[usize], options: &Options, observer: &mut
     match Store::open_after(&options.cache, &mut Wait { tell, stop: &options.stop }) {
         Ok(store) => {
             store.distrust(&options.lost);
+            store.expect(last::load(&store, graph).into_values().map(|last| last.key));
             let store = Arc::new(store);
             let executor = Local::new(options, graph.clone(), store.clone());
             Loop::new(graph, only, options, store.clone(), Box::new(executor), observer).run(&mut outcome);

@@ -91,9 +91,6 @@ impl<'a, 'o> Loop<'a, 'o> {
                 undone |= !found.lost.is_empty();
                 found.lost.iter().for_each(|key| self.store.drop_result(key));
             }
-            for line in self.store.troubles() {
-                self.warn(line);
-            }
             if !undone || outcome.interrupted {
                 break;
             }
@@ -102,6 +99,9 @@ impl<'a, 'o> Loop<'a, 'o> {
                 outcome.damaged = true;
                 break;
             }
+        }
+        if let Some(line) = self.store.trouble() {
+            self.warn(line);
         }
         self.stamps.save(&self.store);
         outcome.warnings = std::mem::take(&mut self.warnings);

@@ -157,8 +157,12 @@ impl Store {
     /// The whole and undamaged result of `key`.
     pub fn lookup(&self, key: &Digest) -> Option<Record> {
         let (file, frame) = {
-            let index = self.index.lock().unwrap();
-            let &(pack, frame) = index.results.get(key)?;
+            let mut index = self.index.lock().unwrap();
+            let expected = index.expected.remove(key);
+            let Some(&(pack, frame)) = index.results.get(key) else {
+                index.lost.results += usize::from(expected);
+                return None;
+            };
             (index.packs[pack].file.clone(), frame)
         };
         let record = pack::read(&file, &frame).ok().and_then(|bytes| Record::of_bytes(&bytes, key));
@@ -170,7 +174,7 @@ impl Store {
                     drop(index);
                     return self.lookup(key);
                 }
-                index.troubles.push("a result in the cache is damaged; it is computed again".to_string());
+                index.lost.results += 1;
                 None
             }
             // Known to be lost, and not made again since.
@@ -178,6 +182,11 @@ impl Store {
             Some(_) if index.dropped.contains(key) => None,
             record => record,
         }
+    }
+
+    /// The last run had these results: where one is asked for and not there, it is lost.
+    pub fn expect(&self, keys: impl Iterator<Item = Digest>) {
+        self.index.lock().unwrap().expected = keys.collect();
     }
 
     pub fn put_result(&self, record: &Record) -> io::Result<()> {
@@ -302,15 +311,15 @@ impl Store {
         }
         let mut index = self.index.lock().unwrap();
         if index.damaged.insert(*digest) {
-            let line = format!("object {} in the cache is missing or damaged; it is computed again", digest.short(6));
-            index.troubles.push(line);
+            tracing::debug!(%digest, "an object is missing or damaged");
+            index.lost.objects.push(*digest);
         }
         Ok(None)
     }
 
-    /// What turned out damaged or missing since the last call, a sentence each.
-    pub fn troubles(&self) -> Vec<String> {
-        std::mem::take(&mut self.index.lock().unwrap().troubles)
+    /// What turned out damaged or missing since the last call, in one sentence.
+    pub fn trouble(&self) -> Option<String> {
+        std::mem::take(&mut self.index.lock().unwrap().lost).sentence()
     }
 
     fn places(&self, digest: &Digest) -> Vec<PathBuf> {

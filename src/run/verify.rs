@@ -92,7 +92,7 @@ pub fn verify(store: &Store) -> Found {
     let mut found = Found::default();
     let mut whole = Whole::default();
     // Opening may have mended something.
-    found.evicted.extend(store.troubles());
+    found.evicted.extend(store.trouble());
     // First: what a run notes meanwhile may stand on what was not there yet.
     let runs = last::all(store);
     let all = files(store.root());

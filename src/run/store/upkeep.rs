@@ -60,8 +60,7 @@ impl Store {
             if let Err(error) = again {
                 tracing::debug!(%error, "cannot mend a pack");
             }
-            let line = format!("{lost} bytes of results in the cache are damaged; what is missing is computed again");
-            self.index.lock().unwrap().troubles.push(line);
+            self.index.lock().unwrap().lost.bytes += lost;
         }
     }
 
