@@ -64,10 +64,7 @@ impl Which {
     pub fn pending(&self) -> Result<Vec<Pending>, Stop> {
         let sets = &self.set.sets;
         let Some(file) = &self.file else {
-            if let Some(set) = sets.first() {
-                let error = Diagnostic::error("usage", format!("`--set {set}` of which pipeline?"));
-                return Err(Stop::usage(error.help("name its file before it")));
-            }
+            self.set.of_no_file()?;
             let mut out = Vec::new();
             for folder in folders(Path::new(".")) {
                 out.extend(snapshot::pending(&folder));

@@ -7,9 +7,10 @@ use serde_json::json;
 
 use super::engine::{self, Place};
 use super::run::size;
-use super::{Exit, Globals, Outcome, Stop};
+use super::{Exit, Globals, Outcome, Set, Stop};
 use crate::diag::Diagnostic;
-use crate::run::{gc, verify};
+use crate::graph::Graph;
+use crate::run::{forecast, gc, verify};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -23,7 +24,7 @@ enum What {
     Stat(At),
     /// Read everything in the cache and all published files; repair or evict what is damaged
     Verify(At),
-    /// Remove what no pipeline's last run needs
+    /// Remove what no pipeline's last run needs, nor FILE with --set
     Gc(Gc),
 }
 
@@ -31,6 +32,8 @@ enum What {
 struct At {
     /// A pipeline file or folder of the project [default: the working folder]
     file: Option<PathBuf>,
+    #[command(flatten)]
+    set: Set,
 }
 
 #[derive(clap::Args)]
@@ -51,8 +54,8 @@ struct Gc {
 impl Args {
     pub fn run(self, globals: &Globals) -> Outcome {
         match self.what {
-            What::Stat(at) => stat(&at.place(globals), globals),
-            What::Verify(at) => check(&at.place(globals), globals),
+            What::Stat(at) => at.graph().and_then(|_| stat(&at.place(globals), globals)),
+            What::Verify(at) => at.graph().and_then(|_| check(&at.place(globals), globals)),
             What::Gc(gc) => gc.run(globals),
         }
     }
@@ -63,6 +66,17 @@ impl At {
         let here = self.file.clone().unwrap_or_else(|| PathBuf::from("."));
         // A folder stands for a pipeline in it.
         Place::of(globals, &if here.is_dir() { here.canonicalize().unwrap_or(here).join("any.toml") } else { here })
+    }
+
+    /// The pipeline as it is with other settings; none without any: then FILE, broken or not, only says where the cache is.
+    fn graph(&self) -> Result<Option<Graph>, Stop> {
+        match &self.file {
+            Some(file) if !file.is_dir() => {
+                let graph = || Graph::load(file, &self.set.sets, &crate::ops::ALL);
+                Ok(if self.set.sets.is_empty() { None } else { Some(graph()?) })
+            }
+            _ => self.set.of_no_file().map(|()| None),
+        }
     }
 }
 
@@ -97,10 +111,11 @@ fn exists(place: &Place) -> Result<(), Stop> {
 
 impl Gc {
     fn run(self, globals: &Globals) -> Outcome {
-        let place = self.at.place(globals);
+        let (place, graph) = (self.at.place(globals), self.at.graph()?);
         exists(&place)?;
         let store = if self.dry_run { engine::look(&place)? } else { engine::store_alone(&place)? };
-        let wish = gc::Wish { age: self.max_age, size: self.max_size };
+        let keys = graph.map_or(Vec::new(), |graph| forecast::cached(&graph, &store));
+        let wish = gc::Wish { keys, age: self.max_age, size: self.max_size };
         let swept = gc::gc(&store, &wish, self.dry_run, &engine::stop_on_ctrl_c()).map_err(|error| {
             let message = format!("cannot clear the cache `{}`: {error}", place.cache.display());
             Stop { exit: Exit::Failed, diagnostics: vec![Diagnostic::error("cannot-clear", message)] }

@@ -168,6 +168,15 @@ pub struct Set {
     pub sets: Vec<String>,
 }
 
+impl Set {
+    /// Settings that came without a pipeline are a mistake.
+    pub fn of_no_file(&self) -> Result<(), Stop> {
+        let Some(set) = self.sets.first() else { return Ok(()) };
+        let error = Diagnostic::error("usage", format!("`--set {set}` of which pipeline?"));
+        Err(Stop::usage(error.help("name its file before it")))
+    }
+}
+
 /// How the program ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {

@@ -90,6 +90,12 @@ pub fn forecast(graph: &Graph, only: &[usize], store: &Store) -> Vec<Forecast> {
     out
 }
 
+/// Keys of the results that a run of the pipeline would find.
+pub fn cached(graph: &Graph, store: &Store) -> Vec<Digest> {
+    let record = |f: Forecast| if let Fate::Cached(record) = f.fate { Some(record.key) } else { None };
+    forecast(graph, &[], store).into_iter().filter_map(record).collect()
+}
+
 /// The last key that is not this one.
 fn before(last: &Last, key: &Digest) -> Option<Digest> {
     if last.key == *key { last.before } else { Some(last.key) }

@@ -22,6 +22,8 @@ use crate::digest::Digest;
 /// What of the rest may stay. Without a wish nothing does.
 #[derive(Default)]
 pub struct Wish {
+    /// Results of these keys.
+    pub keys: Vec<Digest>,
     /// What was made in this time.
     pub age: Option<Duration>,
     /// The newest, until the cache is so large.
@@ -69,6 +71,7 @@ pub fn gc(store: &Store, wish: &Wish, dry: bool, stop: &AtomicBool) -> io::Resul
     let mut needs = Needs::of(store);
     swept.needed = sum(&mut needs.results.iter().chain(&needs.objects));
     swept.gone = needs.gone.clone();
+    wish.keys.iter().for_each(|key| needs.add(store, key));
     keep_more(store, wish, &packs, &mut needs, &sum);
     if stopped() {
         swept.interrupted = true;

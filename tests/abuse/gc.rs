@@ -53,6 +53,36 @@ fn what_no_last_run_needs_goes_and_nothing_else() {
     assert_eq!(old["warnings"], json!([]));
 }
 
+#[test]
+fn what_a_pipeline_needs_with_other_settings_stays_when_they_are_named() {
+    let place = town(1);
+    let set = |keep: &str| format!("node.hulls.keep={keep}");
+    for keep in ["0.5", "0.6", "0.7"] {
+        assert!(ran(&place, &["--set", &set(keep)]) > 5);
+    }
+    // A mistake in them, or no pipeline that they are of: nothing goes.
+    let before = results(&place);
+    for what in ["gc", "stat", "verify"] {
+        for args in [&["--set", "a=1"][..], &["--set", "a=1", "."], &["p.toml", "--set", "node.hulls.kep=0.5"]] {
+            let done = place.lodge(&[&["cache", what], args].concat());
+            assert_eq!(done.status.code(), Some(2), "{what} {args:?}: {done:?}");
+        }
+    }
+    for what in ["stat", "verify"] {
+        place.lodge_json(&["cache", what, "p.toml", "--set", &set("0.6")]);
+    }
+    assert_eq!(results(&place), before);
+    let gc = |args: &[&str]| place.lodge_json(&[&["cache", "gc", "p.toml", "--set", &set("0.6")], args].concat());
+    let (dry, gone) = (gc(&["--dry-run"]), gc(&[]));
+    assert_eq!((&dry["removed_results"], &dry["removed_plans"]), (&gone["removed_results"], &json!(1)));
+    assert_eq!(results(&place), before - gone["removed_results"].as_u64().unwrap());
+    for (keep, most) in [("0.7", 0), ("0.6", 0), ("0.7", 0)] {
+        std::fs::remove_dir_all(place.path("out")).unwrap();
+        assert_eq!(ran(&place, &["--set", &set(keep)]), most, "{keep}");
+    }
+    assert!(ran(&place, &["--set", &set("0.5")]) > 5);
+}
+
 /// A pipeline without writers has nothing in its outputs that tells which of two settings ran last.
 #[test]
 fn the_last_run_is_the_last_one_also_where_it_had_nothing_to_do() {
