@@ -164,7 +164,8 @@ fn check(place: &Place, globals: &Globals) -> Outcome {
     let jobs = engine::jobs(globals);
     let _ = rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global();
     exists(place)?;
-    let found = verify::verify(&engine::store(place)?);
+    let store = engine::store(place)?;
+    let found = engine::unless_interrupted(move || verify::verify(&store))?;
     let exit = if found.unrepaired.is_empty() { Exit::Done } else { Exit::Damaged };
     if globals.json {
         super::print(&json!({"ok": exit == Exit::Done, "cache": place.cache, "checked": found.checked,

@@ -3,14 +3,16 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, OnceLock};
+use std::thread;
+use std::time::Duration;
 
 use super::progress::Teller;
 use super::{Exit, Globals, Stop, Target};
 use crate::diag::Diagnostic;
 use crate::digest::Digest;
 use crate::graph::Graph;
-use crate::op::NEVER;
 use crate::run::folder::{Wait, is_read_only};
 use crate::run::plan::{Identity, build_id};
 use crate::run::store::Store;
@@ -124,15 +126,38 @@ pub fn pick_one(graph: &Graph, name: &str) -> Result<usize, Stop> {
     }
 }
 
+/// What `work` gives, unless Ctrl-C comes first: then it is left behind, and ends with the process.
+pub fn unless_interrupted<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Stop> {
+    let stop = stop_on_ctrl_c();
+    let (send, receive) = channel();
+    // As much room as the main thread has.
+    let thread = thread::Builder::new().stack_size(8 << 20).spawn(move || drop(send.send(work())));
+    let thread = thread.expect("a thread can be made");
+    loop {
+        match receive.recv_timeout(Duration::from_millis(20)) {
+            Ok(value) => return Ok(value),
+            Err(RecvTimeoutError::Disconnected) => {
+                std::panic::resume_unwind(thread.join().expect_err("it sends, or it panics"))
+            }
+            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Err(interrupted()),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+}
+
+fn interrupted() -> Stop {
+    Stop { exit: Exit::Interrupted, diagnostics: vec![Diagnostic::error("interrupted", "interrupted")] }
+}
+
 /// The cache, opened. What cannot be used at all is exit 4.
 pub fn store(place: &Place) -> Result<Store, Stop> {
-    let wait = &mut Wait { tell: &mut tell_waiting, stop: &NEVER };
+    let wait = &mut Wait { tell: &mut tell_waiting, stop: &stop_on_ctrl_c() };
     Store::open_after(&place.cache, wait).map_err(|error| unusable(place, &error))
 }
 
 /// The same, when no run is at work in it; those that start wait.
 pub fn store_alone(place: &Place) -> Result<Store, Stop> {
-    let wait = &mut Wait { tell: &mut tell_waiting, stop: &NEVER };
+    let wait = &mut Wait { tell: &mut tell_waiting, stop: &stop_on_ctrl_c() };
     Store::open_alone(&place.cache, wait).map_err(|error| match is_read_only(&error) {
         true => {
             let message = format!("the cache `{}` cannot be written: {error}", place.cache.display());
@@ -153,6 +178,9 @@ pub fn look(place: &Place) -> Result<Store, Stop> {
 }
 
 fn unusable(place: &Place, error: &std::io::Error) -> Stop {
+    if error.kind() == std::io::ErrorKind::Interrupted {
+        return interrupted();
+    }
     let message = format!("cannot use the cache `{}`: {error}", place.cache.display());
     Stop { exit: Exit::Damaged, diagnostics: vec![Diagnostic::error("cache", message)] }
 }
@@ -182,22 +210,25 @@ pub fn failure(outcome: &run::Outcome, exit: Exit) -> Stop {
     Stop { exit, diagnostics }
 }
 
-/// Writes a file that the user named: whole, or not at all.
-pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
-    let write = || {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if path.exists() && !path.is_file() {
-            return std::fs::write(path, bytes); // a pipe or device
-        }
-        let mut file = tempfile::Builder::new().permissions(open_to_all()).tempfile_in(folder)?;
-        std::io::Write::write_all(&mut file, bytes)?;
-        file.persist(path).map_err(|e| e.error)?;
-        Ok(())
-    };
-    write().map_err(|e: std::io::Error| {
+/// Writes a file that the user named: whole, or not at all, also where Ctrl-C comes meanwhile.
+pub fn write_file(path: &Path, bytes: Vec<u8>) -> Result<(), Stop> {
+    let wrong = |e: std::io::Error| {
         let message = format!("cannot write `{}`: {e}", path.display());
         Stop { exit: Exit::Failed, diagnostics: vec![Diagnostic::error("cannot-write", message)] }
-    })
+    };
+    if path.exists() && !path.is_file() {
+        let pipe = path.to_path_buf(); // or a device
+        return unless_interrupted(move || std::fs::write(pipe, bytes))?.map_err(wrong);
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // Whoever leaves removes it, although another writes to it.
+    let file = tempfile::Builder::new().permissions(open_to_all()).tempfile_in(folder).map_err(wrong)?;
+    let mut writer = file.reopen().map_err(wrong)?;
+    unless_interrupted(move || std::io::Write::write_all(&mut writer, &bytes))?.map_err(wrong)?;
+    if stop_on_ctrl_c().load(Ordering::Relaxed) {
+        return Err(interrupted());
+    }
+    file.persist(path).map(drop).map_err(|e| wrong(e.error))
 }
 
 /// As any new file: the umask takes off what should not be.

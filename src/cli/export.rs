@@ -125,19 +125,22 @@ impl Args {
             let exit = super::run::exit(&outcome);
             let done = outcome.nodes.iter().find(|n| n.index == asked).and_then(|n| n.record.clone());
             let Some(record) = done else { return Err(engine::failure(&outcome, exit)) };
-            let store = engine::store(&place)?;
-            let written = match write {
-                Some(write) => decode(&store, &record.kind, &record.digest).map(|artifact| write(&*artifact)),
-                None => rejects(&store, &record).map(|notes| Ok(csv::rejects(&notes).into())),
-            };
+            let store = Arc::new(engine::store(&place)?);
+            let (from, of) = (store.clone(), record.clone());
+            let written = engine::unless_interrupted(move || match write {
+                Some(write) => decode(&from, &of.kind, &of.digest).map(|artifact| write(&*artifact)),
+                None => rejects(&from, &of).map(|notes| Ok(csv::rejects(&notes).into())),
+            });
+            let written = written.inspect_err(|_| store.close())?;
             match written {
                 Some(written) => {
                     let Written { bytes, told } = written?;
                     told.iter().for_each(|sentence| super::warn(sentence));
-                    engine::write_file(&self.output, &bytes)?;
+                    let size = bytes.len();
+                    engine::write_file(&self.output, bytes)?;
                     if globals.json {
                         let path = self.output.display().to_string();
-                        super::print(&json!({"ok": true, "node": self.node, "path": path, "bytes": bytes.len()}));
+                        super::print(&json!({"ok": true, "node": self.node, "path": path, "bytes": size}));
                     }
                     return Ok(exit);
                 }

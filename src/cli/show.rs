@@ -36,7 +36,7 @@ impl Args {
             return Err(engine::failure(&outcome, exit));
         }
         if let Some(path) = &self.output {
-            engine::write_file(path, &table(&nodes))?;
+            engine::write_file(path, table(&nodes))?;
         }
         if globals.json {
             let mut all: Vec<Value> = nodes.iter().map(|n| to_json(n)).collect();

@@ -11,6 +11,7 @@ mod toy;
 mod damage;
 mod gc;
 mod hostile;
+mod interrupts;
 mod kills;
 mod limits;
 mod runs_at_once;
