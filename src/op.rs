@@ -44,6 +44,11 @@ pub trait Op: Serialize + DeserializeOwned + JsonSchema + Default + Send + Sync 
     fn estimate(&self, input_bytes: u64) -> u64 {
         (4 << 20) + 4 * input_bytes
     }
+
+    /// The same from the bytes of each port, for an operator that makes much of one input and little of another.
+    fn estimate_of(&self, ports: &[u64], file_bytes: u64) -> u64 {
+        self.estimate(ports.iter().sum::<u64>() + file_bytes)
+    }
 }
 
 /// A mistake in a parameter that only the operator can see.
@@ -279,7 +284,7 @@ pub trait AnyOp: Send + Sync {
     fn params(&self) -> Value;
     fn check(&self) -> Vec<Mistake>;
     fn run(&self, ctx: &Ctx, inputs: Vec<Vec<Arc<dyn AnyArtifact>>>) -> Result<Arc<dyn AnyArtifact>>;
-    fn estimate(&self, input_bytes: u64) -> u64;
+    fn estimate_of(&self, ports: &[u64], file_bytes: u64) -> u64;
 }
 
 impl<O: Op> AnyOp for O {
@@ -296,8 +301,8 @@ impl<O: Op> AnyOp for O {
         ctx.check()?;
         Ok(Arc::new(out))
     }
-    fn estimate(&self, input_bytes: u64) -> u64 {
-        Op::estimate(self, input_bytes)
+    fn estimate_of(&self, ports: &[u64], file_bytes: u64) -> u64 {
+        Op::estimate_of(self, ports, file_bytes)
     }
 }
 

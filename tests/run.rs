@@ -123,7 +123,7 @@ fn what_is_at_work_fits_the_budget() {
             lodge::run::event::Event::NodeStarted { node, .. } => {
                 let n = graph.nodes.iter().position(|n| n.name == *node).unwrap();
                 let inputs = graph.nodes[n].inputs.iter().flatten().map(|&i| bytes[i]).sum();
-                at_work.insert(node.clone(), graph.nodes[n].op.estimate(inputs));
+                at_work.insert(node.clone(), graph.nodes[n].op.estimate_of(&[inputs], 0));
                 peak = (at_work.values().sum::<u64>().max(peak.0), at_work.len().max(peak.1));
             }
             lodge::run::event::Event::NodeDone { node, bytes: size, .. } => {

@@ -44,8 +44,9 @@ impl Op for Extrude {
         Ok(extrude(&input.hulls, &input.footprints))
     }
 
-    fn estimate(&self, input_bytes: u64) -> u64 {
-        (2 << 20) + 7 * input_bytes / 2
+    fn estimate_of(&self, ports: &[u64], _: u64) -> u64 {
+        // The prisms are some eight times the hulls, and are there twice; the footprints are only read.
+        (1 << 20) + 16 * ports[0] + 5 * ports[1] / 4
     }
 }
 

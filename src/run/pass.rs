@@ -307,9 +307,9 @@ impl<'a, 'o> Loop<'a, 'o> {
     fn estimate(&self, n: usize) -> u64 {
         let node = &self.graph.nodes[n];
         let record = |&i: &usize| self.slots[i].record.as_ref().map_or(0, |r| r.bytes + r.blob_bytes);
-        let inputs: u64 = node.inputs.iter().flatten().map(record).sum();
+        let ports: Vec<u64> = node.inputs.iter().map(|port| port.iter().map(record).sum()).collect();
         let files: u64 = self.slots[n].files.iter().flatten().map(|f| f.stamp.size).sum();
-        node.op.estimate(inputs + files)
+        node.op.estimate_of(&ports, files)
     }
 
     fn ended(&mut self, end: End) {
