@@ -14,6 +14,7 @@ mod hostile;
 mod interrupts;
 mod kills;
 mod limits;
+mod one_damage;
 mod runs_at_once;
 
 use std::path::Path;
