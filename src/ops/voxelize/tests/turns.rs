@@ -73,6 +73,20 @@ fn quarter_turns_of_a_thickened_plate() {
     }
 }
 
+/// A slanted plate of a third of a cell: its layer is up to three nodes thick, its rim does not vote.
+#[test]
+fn quarter_turns_of_a_slanted_plate() {
+    let slanted = |[x, y, z]: [f64; 3]| [x + 0.37, 0.8 * y - 0.6 * z - 0.55 * x, 0.6 * y + 0.8 * z + 0.21];
+    let mut plate = block([-9.0, -7.0, -0.15], [9.0, 7.0, 0.15]);
+    plate.positions.iter_mut().for_each(|p| *p = slanted(*p).map(|c| (c * 1024.0).round() / 1024.0));
+    for fill in [Fill::Winding, Fill::Parity, Fill::Flood] {
+        let how = Voxelize { resolution: 24, fill, thin: Thin::Thicken };
+        is_turned("plate", &plate, &how);
+        let thick = grid(&plate, &how);
+        assert!(thick.losses.thickened > 400 && thick.membrane.len() > 40, "{:?}", thick.losses);
+    }
+}
+
 const FILLS: [Fill; 4] = [Fill::Winding, Fill::Parity, Fill::Flood, Fill::Surface];
 
 /// Turned about each axis: no node differs, and no stick over a hole.
