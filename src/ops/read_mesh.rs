@@ -398,6 +398,26 @@ mod tests {
         assert!(findings.warnings[0].contains("maps/c.jpg"), "{:?}", findings.warnings);
     }
 
+    /// A file is looked at piece by piece, and the first piece may be two bytes long.
+    #[test]
+    fn files_beside_others() {
+        let (mut root, chunk) = square(&[0, 1, 2], 4);
+        root["buffers"] = json!([{"byteLength": chunk.len(), "uri": "a.bin"}]);
+        let bytes = glb(root.clone(), b"");
+        root["asset"] = json!({"version": "2.0"});
+        let marked = format!("\u{feff} {root}").into_bytes();
+        let ply = b"ply\nformat ascii 1.0\ncomment TextureFile in\\a.png\nelement vertex 0\nend_header\n".to_vec();
+        for (name, bytes, beside) in
+            [("a.glb", bytes, "a.bin"), ("a.gltf", marked, "a.bin"), ("a.ply", ply, "in/a.png")]
+        {
+            let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+            packed.write_all(&bytes).unwrap();
+            for bytes in [bytes, packed.finish().unwrap()] {
+                assert_eq!(ReadMesh::beside(&Source::of_bytes(name, bytes)), [beside], "{name}");
+            }
+        }
+    }
+
     const PAINTED: &str = "# a concave face, a quad behind it, and a line\nmtllib my paint.mtl\no front\n\
         v 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0 \nv 0 4 0\nvt 0 0\nvt 1 0\nvt 1 1\n\
         usemtl red\nf 1/1 2/2 3/3 4/1 5/2\no back\nusemtl glass#2\nf -5 -4 -3\nf -5 -3 \\\n -1\nl 1 2\nf 1 2 99\n";

@@ -12,6 +12,8 @@ mod stl;
 mod weld;
 pub mod write;
 
+use std::io::{BufRead, Read};
+
 use super::ledger::Ledger;
 use crate::artifact::Mesh;
 use crate::artifact::mesh::{Material, Primitive, Surface};
@@ -110,15 +112,22 @@ fn format(bytes: &[u8]) -> Option<Format> {
 }
 
 /// Names of the files beside this one that reading it needs: of a material library its pictures.
-pub fn beside(name: &str, read: &mut dyn std::io::BufRead) -> Vec<String> {
+pub fn beside(name: &str, read: &mut dyn BufRead) -> Vec<String> {
     let ends = |end: &str| name.len() >= end.len() && name[name.len() - end.len()..].eq_ignore_ascii_case(end);
+    // What is unpacked comes in pieces, the first as short as two bytes.
+    let mut head = Vec::new();
+    if Read::take(&mut *read, 512).read_to_end(&mut head).is_err() {
+        return Vec::new();
+    }
+    let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head).trim_ascii_start();
+    let read = &mut head.chain(read);
     let names = if ends(".mtl") {
         mtl::pictures(name, read)
-    } else if read.fill_buf().is_ok_and(|head| head.starts_with(b"glTF") || head.trim_ascii_start().starts_with(b"{")) {
+    } else if head.starts_with(b"glTF") || text.starts_with(b"{") {
         gltf::beside(read)
-    } else if read.fill_buf().is_ok_and(|head| head.starts_with(b"ply")) {
+    } else if head.starts_with(b"ply") {
         ply::pictures(read)
-    } else if read.fill_buf().is_ok_and(|head| !stl::is_binary(head) && !head.contains(&0)) {
+    } else if !stl::is_binary(&head) && !head.contains(&0) {
         obj::libraries(read)
     } else {
         Vec::new()
