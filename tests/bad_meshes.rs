@@ -14,6 +14,8 @@ use lodge::ops::ALL;
 use proptest::prelude::*;
 use proptest::sample::Index;
 use serde_json::{Value, json};
+
+use support::meshopt::{self, packed};
 use support::scene::{Glb, picture, scene};
 use support::{Place, gzip, node};
 
@@ -291,6 +293,8 @@ fn seeds() -> Vec<(&'static str, Vec<u8>, Vec<(&'static str, Vec<u8>)>)> {
     let mut out = vec![
         ("a.glb", scene(), vec![]),
         ("a.glb", bent(), vec![]),
+        ("a.glb", packed(&scene(), meshopt::EXT, true), vec![]),
+        ("a.glb", packed(&bent(), meshopt::KHR, false), vec![]),
         ("a.obj", painted.into_bytes(), beside),
         ("a.stl", stl, vec![]),
         ("a.stl", format!("solid a\n{facet}endsolid a\nsolid b\n{facet}endsolid\n").into_bytes(), vec![]),

@@ -1,6 +1,7 @@
 //! What the tests of whole runs share: the binary in a folder of its own, and the files that it published.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub mod meshopt;
 pub mod scene;
 pub mod schema;
 

@@ -6,6 +6,7 @@ use std::cell::{Cell, OnceCell};
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::meshopt::{self, MOST_UNPACKED, Stream};
 use super::{Files, MOST};
 use crate::diag::{Diagnostic, Result};
 
@@ -70,15 +71,18 @@ pub struct Data<'a> {
     pub buffers: &'a [Buffer],
     /// The binary chunk of a GLB.
     pub chunk: Option<&'a [u8]>,
-    pub read: Vec<OnceCell<Cow<'a, [u8]>>>,
+    /// Buffers that were asked for, or why they cannot be had.
+    pub read: Vec<OnceCell<Result<Cow<'a, [u8]>>>>,
+    /// Buffer views that were packed and asked for.
+    pub unpacked: Vec<OnceCell<Vec<u8>>>,
+    /// Their bytes together.
+    pub unpacked_bytes: Cell<u64>,
     /// Numbers that were made for the sake of few of them.
     pub wasted: Cell<u64>,
 }
 
 /// More are not made: parts may share a sparse accessor without end.
 const MOST_WASTE: u64 = 1 << 28;
-
-const COMPRESSED: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 impl<'a> Data<'a> {
     fn wrong(&self, what: impl std::fmt::Display) -> Box<Diagnostic> {
@@ -89,32 +93,46 @@ impl<'a> Data<'a> {
         let (Some(buffer), Some(cell)) = (self.buffers.get(i), self.read.get(i)) else {
             return Err(self.wrong(format!("there is no buffer {i}")));
         };
-        if let Some(bytes) = cell.get() {
-            return Ok(bytes);
-        }
-        let bytes: Cow<[u8]> = match &buffer.uri {
-            None if i == 0 && self.chunk.is_some() => Cow::Borrowed(self.chunk.expect("looked at")),
-            None => return Err(self.wrong(format!("buffer {i} has no data"))),
-            Some(uri) => Cow::Owned(fetch(self.files, uri)?),
+        cell.get_or_init(|| self.fetched(i, buffer)).as_deref().map_err(Clone::clone)
+    }
+
+    fn fetched(&self, i: usize, buffer: &Buffer) -> Result<Cow<'a, [u8]>> {
+        let bytes: Cow<[u8]> = match (&buffer.uri, self.chunk) {
+            (Some(uri), _) => Cow::Owned(fetch(self.files, uri)?),
+            (None, Some(chunk)) if i == 0 => Cow::Borrowed(chunk),
+            (None, _) => return Err(self.wrong(format!("buffer {i} has no data"))),
         };
         if (bytes.len() as u64) < buffer.byte_length {
             let what = format!("buffer {i} ends early: {} bytes of {}", bytes.len(), buffer.byte_length);
             return Err(self.wrong(what).help("the file was cut off; fetch it again"));
         }
-        Ok(cell.get_or_init(|| bytes))
+        Ok(bytes)
     }
 
     /// Bytes of a buffer view.
     pub fn view(&self, i: usize) -> Result<&[u8]> {
         let view = self.views.get(i).ok_or_else(|| self.wrong(format!("there is no buffer view {i}")))?;
-        if let Some(name) = COMPRESSED.iter().find(|n| view.extensions.get(**n).is_some()) {
-            // Beside it there may be a plain copy.
-            return self.plain(i, view).map_err(|_| {
-                self.wrong(format!("its buffers are compressed by {name}, which is not read"))
-                    .help("`gltfpack -noq -i IN.glb -o OUT.glb` undoes it")
-            });
+        let Some((name, said)) = meshopt::packed(&view.extensions) else { return self.plain(i, view) };
+        if let Some(bytes) = self.unpacked[i].get() {
+            return Ok(bytes);
         }
-        self.plain(i, view)
+        // A plain copy is taken where there is one: what filters pack is rounded.
+        if let Ok(bytes) = self.plain(i, view) {
+            return Ok(bytes);
+        }
+        let wrong = |what: String| self.wrong(format!("buffer view {i}: {name}: {what}"));
+        let stream = Stream::new(name, said, view.byte_length, view.byte_stride).map_err(wrong)?;
+        let all = self.unpacked_bytes.get().saturating_add(view.byte_length);
+        if all > MOST_UNPACKED {
+            return Err(wrong(format!("with it more than the {MOST_UNPACKED} bytes that are unpacked of a file")));
+        }
+        let packed = self.buffer(stream.buffer)?;
+        let end = stream.byte_offset.checked_add(stream.byte_length).filter(|&e| e <= packed.len() as u64);
+        let end = end.ok_or_else(|| wrong(format!("it goes beyond buffer {}", stream.buffer)))?;
+        let bytes = stream.unpack(&packed[stream.byte_offset as usize..end as usize]);
+        let bytes = bytes.map_err(|what| wrong(what).help("the file was damaged, or its writer has a bug"))?;
+        self.unpacked_bytes.set(all);
+        Ok(self.unpacked[i].get_or_init(|| bytes))
     }
 
     fn plain(&self, i: usize, view: &View) -> Result<&[u8]> {

@@ -2,7 +2,8 @@
 //!
 //! A feature is a node with a mesh (or an instance of it). Base colours only: a specular-glossiness material gives its
 //! diffuse colour. Source: glTF 2.0; KHR_texture_transform, KHR_mesh_quantization, KHR_materials_pbrSpecularGlossiness,
-//! EXT_texture_webp, EXT_mesh_gpu_instancing. Compressed geometry and KTX2 pictures are errors that name a remedy.
+//! EXT_texture_webp, EXT_mesh_gpu_instancing, EXT_meshopt_compression and KHR_meshopt_compression. Geometry packed by Draco
+//! and KTX2 pictures are errors that name a remedy.
 
 use std::cell::{Cell, OnceCell};
 use std::io::{BufRead, Read};
@@ -12,7 +13,7 @@ use serde_json::Value;
 
 use super::accessor::{Accessor, Buffer, Data, View, fetch, file_name};
 use super::scene::{self, Mesh, Node, Skin};
-use super::{Draft, Files, image_type};
+use super::{Draft, Files, image_type, meshopt};
 use crate::artifact::mesh::{Alpha, Material, Texture, Wrap};
 use crate::diag::Result;
 use crate::io::ledger::Ledger;
@@ -241,12 +242,12 @@ fn is_harmless(name: &str) -> bool {
         "EXT_mesh_features",
         "EXT_structural_metadata",
     ];
-    KNOWN.contains(&name) || name.starts_with("KHR_materials_")
+    KNOWN.contains(&name) || name.starts_with("KHR_materials_") || meshopt::is_known(name)
 }
 
 /// These are named where they are met: a file may have a plain copy beside.
 fn is_told_later(name: &str) -> bool {
-    name.contains("meshopt_compression") || name == "KHR_draco_mesh_compression" || name == "KHR_texture_basisu"
+    name == "KHR_draco_mesh_compression" || name == "KHR_texture_basisu"
 }
 
 pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()> {
@@ -266,6 +267,8 @@ pub fn read(files: &Files, draft: &mut Draft, ledger: &mut Ledger) -> Result<()>
         buffers: &root.buffers,
         chunk,
         read: root.buffers.iter().map(|_| OnceCell::new()).collect(),
+        unpacked: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
+        unpacked_bytes: Cell::new(0),
         wasted: Cell::new(0),
     };
     let mut paint = Paint { root: &root, data: &data, known: vec![None; root.materials.len()], images: Vec::new() };

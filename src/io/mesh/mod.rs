@@ -2,6 +2,7 @@
 
 mod accessor;
 mod gltf;
+mod meshopt;
 mod mtl;
 mod obj;
 mod ply;
