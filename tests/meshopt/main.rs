@@ -1,8 +1,10 @@
 //! glTF packed by EXT_meshopt_compression and KHR_meshopt_compression: what was packed here without loss gives the mesh that
-//! it was packed from; filters give it within their rounding; broken streams, an error with their place.
+//! it was packed from; filters give it within their rounding; broken streams, an error with their place. What gltfpack
+//! packs of real meshes: `gltfpack.rs`.
 
 mod bad;
 mod filters;
+mod gltfpack;
 #[path = "../support/mod.rs"]
 mod support;
 
