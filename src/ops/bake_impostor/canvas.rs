@@ -1,13 +1,11 @@
 //! A canvas in a tile's plane: what a camera that looks along its normal sees of the surface within its reach.
 
 use super::holes::{Limit, Mending};
-use super::planes::Scene;
+use super::planes::{STEEP, Scene};
 use crate::geom::raster::{self, PARTS};
 use crate::geom::space::{Vec3, cross, dot, sub, unit};
 use crate::io::picture::screen;
 
-/// Surfaces that turn away more than that smear: only a tile that they face most draws them.
-const STEEP: f64 = 0.3;
 /// Texels beyond its own that a tile draws in any case.
 const OVERLAP: u32 = 1;
 /// Cells beyond its own in which a tile draws what there is hidden behind its neighbours: so seams close up to where two
@@ -127,7 +125,7 @@ pub fn around(scene: &Scene, k: usize, texel: f64, mending: &Mending) -> Window 
         }
     }
     let size = [0, 1].map(|a| if low[a] <= high[a] { ((high[a] - low[a]) / texel).ceil() as u32 + 1 } else { 0 });
-    Window { axes, corner: [low[0], high[1], scene.planes.offset(k)], texel, size }
+    Window { axes, corner: [low[0], high[1], scene.planes.seat(k)], texel, size }
 }
 
 /// Draws tile k: its own texels and what closes seams around them, without what sticks out; and patches.
@@ -168,7 +166,7 @@ pub fn draw(scene: &Scene, k: usize, window: &Window, mending: &Mending) -> Vec<
             if let Some(light) = paint.at(t, w, level) {
                 let along = window.axes.map(|a| dot(a, smooth) as f32);
                 let shown = [0, 1, 2].map(|a| p[a] - near * normal[a]);
-                let behind = planes.distance(owner, shown) <= 0.0;
+                let behind = planes.above(owner, shown) <= 0.0;
                 drawn[i] = Some(Fragment {
                     near,
                     best,

@@ -155,7 +155,7 @@ fn patch(
     // (1) Every tile that turns to the surface and to the eye: how far it is, and where the eye's ray meets it; inside
     //     the outline that every eye sees.
     let meets = |k: usize| {
-        let (normal, off) = (planes.normal(k), planes.distance(k, p));
+        let (normal, off) = (planes.normal(k), planes.above(k, p));
         let (facing, shown) = (dot(normal, smooth), dot(normal, hit.eye));
         let turned = shown.abs() >= STEEP && (two_sided || facing > 0.0 && shown > 0.0);
         let to = [0, 1, 2].map(|c| p[c] - off / shown * hit.eye[c]);

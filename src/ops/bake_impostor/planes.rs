@@ -7,9 +7,14 @@ use crate::geom::scatter::Scatter;
 use crate::geom::space::{Vec3, dot};
 use crate::io::paint::Paint;
 
+/// Surfaces that turn away more than that smear: only a tile that they face most draws them, and none lies by them.
+pub const STEEP: f64 = 0.3;
+
 /// The tiles' planes: inside is normal . x <= offset.
 pub struct Planes {
     all: Vec<(Vec3, f64)>,
+    /// How far outside its plane each tile's quads lie.
+    lifts: Vec<f64>,
     /// How far from a plane the surface is that it stands for.
     pub reach: f64,
     pub cell: f64,
@@ -17,10 +22,10 @@ pub struct Planes {
 
 impl Planes {
     pub fn new(tiles: &PlaneTiles) -> Self {
-        let all = tiles.planes.iter().map(|&w| tiles.lattice.plane(w)).collect();
+        let all: Vec<(Vec3, f64)> = tiles.planes.iter().map(|&w| tiles.lattice.plane(w)).collect();
         let cell = tiles.lattice.cell;
         let reach = tiles.given.reach_cells * cell;
-        Self { all, reach, cell }
+        Self { lifts: vec![0.0; all.len()], all, reach, cell }
     }
 
     pub fn len(&self) -> usize {
@@ -31,8 +36,42 @@ impl Planes {
         self.all[k].0
     }
 
-    pub fn offset(&self, k: usize) -> f64 {
-        self.all[k].1
+    /// The offset at which a tile's quads lie.
+    pub fn seat(&self, k: usize) -> f64 {
+        self.all[k].1 + self.lifts[k]
+    }
+
+    /// How far outside a tile's quads a place is.
+    pub fn above(&self, k: usize, p: Vec3) -> f64 {
+        dot(self.all[k].0, p) - self.seat(k)
+    }
+
+    /// Lays each tile's quads where the surface that the tile is best for lies on average: what they show is the same, and
+    /// they stick out less. A layer of nodes that stands for a thin sheet is up to a cell off it.
+    pub fn settle(&mut self, mesh: &Mesh, paint: &Paint, reached: &Reached) {
+        let scatter = Scatter::new((0..mesh.triangles.len()).map(|t| mesh.corners(t)));
+        if scatter.is_empty() {
+            return;
+        }
+        // Whole parts of the reach add up to the same in any order.
+        let part = self.reach / f64::from(1 << 24);
+        let sound = |i: u64| {
+            let point = Point::new(mesh, paint, &scatter, (i, SOUNDINGS));
+            let turned = point.two_sided.then(|| point.normal.map(|c| -c));
+            [Some(point.normal), turned].map(|normal| {
+                let k = self.best(reached.tiles(point.triangle), point.at, normal?)?;
+                let off = (self.distance(k, point.at) / part).round() as i64;
+                (dot(self.all[k].0, normal?) > STEEP).then_some((k, off))
+            })
+        };
+        let found: Vec<[Option<(usize, i64)>; 2]> = (0..SOUNDINGS).into_par_iter().map(sound).collect();
+        let mut sums = vec![(0, 0); self.len()];
+        for (k, off) in found.into_iter().flatten().flatten() {
+            sums[k].0 += off;
+            sums[k].1 += 1;
+        }
+        let mean = |&(sum, count): &(i64, i64)| if count == 0 { 0.0 } else { part * sum as f64 / count as f64 };
+        self.lifts = sums.iter().map(mean).collect();
     }
 
     /// How far outside a place is.
@@ -122,6 +161,27 @@ pub struct Scene<'a> {
 
 /// Points of the surface that are asked for.
 const POINTS: u64 = 1_000_000;
+/// And for where quads lie.
+const SOUNDINGS: u64 = 1 << 18;
+
+/// One of points spread evenly over the area.
+struct Point {
+    triangle: usize,
+    at: Vec3,
+    normal: Vec3,
+    two_sided: bool,
+}
+
+impl Point {
+    /// A point, and of how many.
+    fn new(mesh: &Mesh, paint: &Paint, scatter: &Scatter, (i, count): (u64, u64)) -> Self {
+        let (triangle, w) = scatter.point(i, count);
+        let corners = mesh.corners(triangle);
+        let at = [0, 1, 2].map(|k| (0..3).map(|c| w[c] * corners[c][k]).sum());
+        let two_sided = paint.material(triangle).double_sided;
+        Self { triangle, at, normal: paint.normal(triangle, w), two_sided }
+    }
+}
 
 impl Scene<'_> {
     /// Share of points, spread evenly over the area, that some tile draws which they face.
@@ -132,17 +192,13 @@ impl Scene<'_> {
             return 0.0;
         }
         let drawn = |i: u64| {
-            let (t, w) = scatter.point(i, POINTS);
-            let corners = mesh.corners(t);
-            let p = [0, 1, 2].map(|k| (0..3).map(|c| w[c] * corners[c][k]).sum());
-            let normal = self.paint.normal(t, w);
-            let two_sided = self.paint.material(t).double_sided;
-            self.reached.tiles(t).iter().any(|&k| {
+            let point = Point::new(mesh, self.paint, &scatter, (i, POINTS));
+            self.reached.tiles(point.triangle).iter().any(|&k| {
                 let k = k as usize;
-                let facing = dot(planes.normal(k), normal);
-                (facing > 0.0 || two_sided && facing < 0.0)
-                    && planes.distance(k, p).abs() <= planes.reach
-                    && draws(k, p)
+                let facing = dot(planes.normal(k), point.normal);
+                (facing > 0.0 || point.two_sided && facing < 0.0)
+                    && planes.distance(k, point.at).abs() <= planes.reach
+                    && draws(k, point.at)
             })
         };
         let count = (0..POINTS).into_par_iter().filter(|&i| drawn(i)).count();
