@@ -75,10 +75,11 @@ pub fn part(p: &Primitive, data: &Data, paint: &mut Paint, draft: &mut Draft) ->
     let mut corners: Vec<u64> = match p.indices {
         Some(i) => data.values(i, None)?.1.into_iter().map(|v| if v >= 0.0 { v as u64 } else { u64::MAX }).collect(),
         None if n > MOST => return Err(files.broken(format!("accessor {place}: more than the {MOST} that are read"))),
-        None => (0..n).collect(),
+        // Every vertex is one: they are numbered once they are known to be there.
+        None => Vec::new(),
     };
     // Many parts may share a long list of vertices: of a long one only what is needed.
-    let needed = (corners.len() as u64 * 4 < n).then(|| {
+    let needed = (p.indices.is_some() && corners.len() as u64 * 4 < n).then(|| {
         let mut needed: Vec<u32> = corners.iter().filter(|&&c| c < n.min(MOST)).map(|&c| c as u32).collect();
         needed.sort_unstable();
         needed.dedup();
@@ -93,6 +94,9 @@ pub fn part(p: &Primitive, data: &Data, paint: &mut Paint, draft: &mut Draft) ->
         false => Ok(i),
     };
     let positions = data.rows::<3>(place, "positions", only)?;
+    if p.indices.is_none() {
+        corners = (0..n).collect();
+    }
     let painted = p.material.map(|m| paint.material(m, draft)).transpose()?;
     let uv_set = painted.as_ref().map_or(0, |m| m.uv_set);
     let textured = painted.as_ref().is_some_and(|m| draft.surface.materials[m.number as usize].texture.is_some());
