@@ -23,8 +23,8 @@ pub struct Snapped {
 /// Crossings of the grid edges along one axis, ascending; see [`Crossing`].
 pub type Crossings = Vec<Crossing>;
 
-/// Lower node as z, y, x of 11 bits each, then: 1 where the ray comes in (0: goes out), then how far along the edge in
-/// parts of [`LONG`] (0 and half of it only where it is exact), then the triangle's normal (see [`octahedral`]).
+/// Lower node as z, y, x of 11 bits each, then: how far along the edge in parts of [`LONG`] (0 and half of it only where it
+/// is exact), then 1 where the ray comes in (0: goes out), then the triangle's normal (see [`octahedral`]).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub struct Crossing(u64);
 
@@ -38,27 +38,30 @@ const ONE: f64 = 252.0;
 /// Bits of how far along its edge a crossing is, and the edge.
 const ALONG: u32 = 12;
 const LONG: i64 = 1 << ALONG;
-const COMES_IN: u32 = 2 * NORMAL + ALONG;
+const COMES_IN: u32 = 2 * NORMAL;
+/// Where along the edge begins, and the node.
+const FROM_ALONG: u32 = COMES_IN + 1;
+const FROM_NODE: u32 = FROM_ALONG + ALONG;
 
 impl Crossing {
     fn new([x, y, z]: [usize; 3], comes_in: bool, along: i64, normal: u64) -> Self {
         let node = (z as u64) << (2 * NODE) | (y as u64) << NODE | x as u64;
-        Self(node << (COMES_IN + 1) | u64::from(comes_in) << COMES_IN | (along as u64) << (2 * NORMAL) | normal)
+        Self(node << FROM_NODE | (along as u64) << FROM_ALONG | u64::from(comes_in) << COMES_IN | normal)
     }
     /// x, y, z of the edge's lower node.
     pub fn node(self) -> [usize; 3] {
-        [0, 1, 2].map(|k| (self.0 >> (COMES_IN + 1 + k * NODE)) as usize & ((1 << NODE) - 1))
+        [0, 1, 2].map(|k| (self.0 >> (FROM_NODE + k * NODE)) as usize & ((1 << NODE) - 1))
     }
     /// How far from the lower node, in cells; within 2^-12, but 0 and one half only where they are exact.
     pub fn along(self) -> f64 {
-        (self.0 >> (2 * NORMAL) & (LONG as u64 - 1)) as f64 / LONG as f64
+        (self.0 >> FROM_ALONG & (LONG as u64 - 1)) as f64 / LONG as f64
     }
     /// +1 where a ray along the axis comes in, -1 where it goes out.
     pub fn step(self) -> i32 {
         if self.0 >> COMES_IN & 1 == 1 { 1 } else { -1 }
     }
     pub fn place(self) -> Place {
-        match (self.0 >> (2 * NORMAL)) as i64 & (LONG - 1) {
+        match (self.0 >> FROM_ALONG) as i64 & (LONG - 1) {
             0 => Place::OnNode,
             along => match along.cmp(&(LONG / 2)) {
                 Ordering::Less => Place::Lower,
@@ -80,7 +83,7 @@ impl Crossing {
     }
     /// z of the lower node.
     pub fn slice(self) -> usize {
-        (self.0 >> (COMES_IN + 1 + 2 * NODE)) as usize
+        (self.0 >> (FROM_NODE + 2 * NODE)) as usize
     }
 }
 
@@ -209,7 +212,7 @@ fn octahedral([a, b, c]: [[i32; 3]; 3]) -> u64 {
     let side = |p: [i32; 3]| [0, 1, 2].map(|k| f64::from(p[k]) - f64::from(a[k]));
     let normal = crate::geom::space::cross(side(b), side(c));
     let size: f64 = normal.iter().map(|n| n.abs()).sum();
-    let [u, v] = [0, 1].map(|k| ((normal[k] / size + 1.0) * ONE).round() as u64);
+    let [u, v] = [0, 1].map(|k| ((normal[k] / size * ONE).round() + ONE) as u64);
     u | v << NORMAL
 }
 
@@ -246,6 +249,13 @@ fn height(e: [i64; 3], heights: [i64; 3], area: i64) -> (i64, i64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Eighths lie half way between two codes.
+    #[test]
+    fn normals_are_mirrored() {
+        let along_u = |p: i32| octahedral([[0; 3], [5, 0, -p], [0, 5, -2]]) & ((1 << NORMAL) - 1);
+        assert_eq!([along_u(1), along_u(-1)], [252 + 32, 252 - 32]);
+    }
 
     /// Two roofs over an edge of the grid, of all pitches and turns.
     #[test]

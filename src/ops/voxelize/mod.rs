@@ -8,7 +8,8 @@
 //!         least one half is inside (its absolute value in a mesh whose volume is negative). In boxes of 4^3 cells
 //!         that no triangle comes near the nine values at corners and middle decide if they are clear of one half by 0.2.
 //!         `parity`: at least four of six rays cross an odd number of triangles. `flood`: all that cannot be reached from
-//!         outside. `surface`: nodes within half a cell of the surface.
+//!         outside. `surface`: nodes within half a cell of the surface; it may leave one white layer
+//!         around, the others leave two.
 //!         `thin = "thicken"`: of a crossed edge between white nodes the one nearer to the surface becomes black (half way:
 //!         the one nearer to the grid's middle, then the lower), unless it lies beside black ones and two faces cross the
 //!         edge that are 60 degrees apart or more: a body's edge, clipped, is no thin part. A sheet (one face, or two within
@@ -89,7 +90,7 @@ crate::inputs! {
 
 impl Op for Voxelize {
     const NAME: &'static str = "voxelize";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = In;
     type Out = Voxels;
     const FACTS: &'static [(&'static str, &'static str)] = &[

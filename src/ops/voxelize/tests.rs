@@ -1,4 +1,5 @@
 mod fills;
+mod sheets;
 mod turns;
 
 use super::*;

@@ -78,11 +78,13 @@ fn is_lost(edge: &[Crossing], axis: usize, colours: &Voxels) -> bool {
         && colours.is_black(low) == colours.is_black(at(low, axis, low[axis] + 1))
 }
 
-/// The end of a lost edge that is nearer to the surface.
+/// The end of a lost edge that is nearer to the surface; not the one in the border, though a corner far from the origin
+/// may snap into it.
 fn nearer(edge: &[Crossing], axis: usize, colours: &Voxels) -> [usize; 3] {
     let low = edge[0].node();
-    let place = edge[0].along() + edge[edge.len() - 1].along();
-    at(low, axis, low[axis] + usize::from(is_upper(place - 1.0, low[axis], colours.lattice.cells)))
+    let (place, cells) = (edge[0].along() + edge[edge.len() - 1].along(), colours.lattice.cells);
+    let node = low[axis] + usize::from(is_upper(place - 1.0, low[axis], cells));
+    at(low, axis, node.clamp(BORDER as usize, cells as usize - BORDER as usize))
 }
 
 /// Whether the upper of two nodes is taken; `place` is positive where it is nearer. Half way: the one nearer to the

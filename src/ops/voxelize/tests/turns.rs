@@ -87,7 +87,7 @@ fn quarter_turns_of_a_slanted_plate() {
     }
 }
 
-const FILLS: [Fill; 4] = [Fill::Winding, Fill::Parity, Fill::Flood, Fill::Surface];
+pub const FILLS: [Fill; 4] = [Fill::Winding, Fill::Parity, Fill::Flood, Fill::Surface];
 
 /// Turned about each axis: no node differs, and no stick over a hole.
 fn is_turned(name: &str, body: &Mesh, how: &Voxelize) {
