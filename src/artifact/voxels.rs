@@ -26,7 +26,8 @@ pub struct Losses {
 crate::json_field!(Losses);
 
 crate::columns! {
-    /// (N + 1)^3 grid nodes, black (inside or on the surface) or white; at least two white layers around.
+    /// (N + 1)^3 grid nodes, black (inside or on the surface) or white; at least two white layers around, one
+    /// where nodes near the surface are black, too.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Voxels {
         pub frame: Frame,
