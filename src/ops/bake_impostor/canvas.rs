@@ -131,7 +131,7 @@ pub fn around(scene: &Scene, k: usize, texel: f64, mending: &Mending) -> Window 
 /// Draws tile k: its own texels and what closes seams around them, without what sticks out; and patches.
 pub fn draw(scene: &Scene, k: usize, window: &Window, mending: &Mending) -> Vec<Option<Texel>> {
     let Scene { mesh, paint, planes, reached } = scene;
-    let ([right, up, normal], [left, top, offset], size) = (window.axes, window.corner, window.size);
+    let ([right, up, normal], [left, top, _], size) = (window.axes, window.corner, window.size);
     // (1) Every fragment; a tile's own go before others, then what is nearer to the eye.
     let mut drawn: Vec<Option<Fragment>> = vec![None; window.texels()];
     let part = |v: f64| (v / window.texel * PARTS as f64).round() as i64;
@@ -144,7 +144,7 @@ pub fn draw(scene: &Scene, k: usize, window: &Window, mending: &Mending) -> Vec<
         let level = paint.level(t, pixels);
         raster::cover(&flat, size, |x, y, w| {
             let p = [0, 1, 2].map(|a| (0..3).map(|c| w[c] * corners[c][a]).sum());
-            let near = dot(normal, p) - offset;
+            let near = planes.distance(k, p);
             let mut smooth = paint.normal(t, w);
             let mut facing = dot(smooth, normal);
             if two_sided && facing < 0.0 {
@@ -165,7 +165,8 @@ pub fn draw(scene: &Scene, k: usize, window: &Window, mending: &Mending) -> Vec<
             }
             if let Some(light) = paint.at(t, w, level) {
                 let along = window.axes.map(|a| dot(a, smooth) as f32);
-                let shown = [0, 1, 2].map(|a| p[a] - near * normal[a]);
+                let above = planes.above(k, p);
+                let shown = [0, 1, 2].map(|a| p[a] - above * normal[a]);
                 let behind = planes.above(owner, shown) <= 0.0;
                 drawn[i] = Some(Fragment {
                     near,

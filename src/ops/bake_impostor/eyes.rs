@@ -17,6 +17,9 @@ const A_CELL: f64 = 8.0;
 const MOST: u32 = 512;
 /// Pixels from the outline within which nothing is missing.
 const OUTLINE: u32 = 2;
+/// Triangles of so many pixels, so much longer than high, are marked along their sides as well.
+const LONG: i64 = 8;
+const POINTED: i64 = 3;
 /// Quads and lines closer to parallel than that do not show.
 const GRAZING: f64 = 1e-6;
 /// Parts of a texel.
@@ -173,21 +176,26 @@ impl Eyes {
 
     /// What each of the two sees of the mesh, and what may be drawn: up to a `margin` around.
     pub fn look(self, scene: &Scene, margin: f64, on: &mut DepthBuffers) -> (Outline, [Seen; 2]) {
-        let seen = self.seen(scene, &mut on.0);
-        let inside = Marked(seen[0].drawn.0.iter().zip(&seen[1].drawn.0).map(|(a, b)| a | b).collect());
+        let (seen, mut sides) = self.seen(scene, &mut on.0);
+        let mut inside = Marked(seen[0].drawn.0.iter().zip(&seen[1].drawn.0).map(|(a, b)| a | b).collect());
+        sides.retain(|&i| !self.is_near(i, &inside));
+        sides.into_iter().for_each(|i| inside.0[i / 64] |= 1 << (i % 64));
         let far = (margin * self.scale) as usize;
         let around = grown(&inside, self.side as usize / 64, far.clamp(1, self.side as usize));
         (Outline { eyes: self, inside, around }, seen)
     }
 
-    fn seen(&self, scene: &Scene, both: &mut [DepthBuffer; 2]) -> [Seen; 2] {
+    /// And pixels along the sides of pointed triangles, near whose ends no pixel's middle may lie.
+    fn seen(&self, scene: &Scene, both: &mut [DepthBuffer; 2]) -> ([Seen; 2], Vec<usize>) {
         let Scene { mesh, paint, .. } = scene;
         both.iter_mut().for_each(|buffer| buffer.clear(self.pixels()));
+        let mut sides = Vec::new();
         let placed: Vec<([i64; 2], f32)> = mesh.positions.iter().map(|&p| self.place(p)).collect();
         for (t, corners) in mesh.triangles.iter().enumerate() {
             let corners = corners.map(|v| placed[v as usize]);
             let flat = corners.map(|c| c.0);
             let area = raster::doubled_area(&flat);
+            self.points(&flat, area, &mut sides);
             let material = paint.material(t);
             // Counter-clockwise from outside is counter-clockwise for the first: y is down there.
             let shows = [area < 0 || material.double_sided, area > 0 || material.double_sided];
@@ -208,7 +216,34 @@ impl Eyes {
                 }
             });
         }
-        both.each_ref().map(DepthBuffer::seen)
+        (both.each_ref().map(DepthBuffer::seen), sides)
+    }
+
+    /// Whether one of the pixels around, two far, is marked.
+    fn is_near(&self, i: usize, marked: &Marked) -> bool {
+        let side = self.side as usize;
+        let around = |c: usize| c.saturating_sub(2)..(c + 3).min(side);
+        around(i / side).any(|y| around(i % side).any(|x| marked.has(y * side + x)))
+    }
+
+    /// Pixels along a pointed triangle's sides.
+    fn points(&self, flat: &[[i64; 2]; 3], doubled_area: i64, out: &mut Vec<usize>) {
+        let sides = [0, 1, 2].map(|i| [0, 1].map(|k| flat[(i + 1) % 3][k] - flat[i][k]));
+        let lengths = sides.map(|[x, y]| x.abs().max(y.abs()));
+        let longest = lengths.into_iter().max().expect("three sides");
+        if longest < LONG * PARTS || POINTED * doubled_area.abs() >= longest * longest {
+            return;
+        }
+        let side = i64::from(self.side);
+        for ((from, along), length) in flat.iter().zip(sides).zip(lengths) {
+            let steps = length / PARTS + 1;
+            for s in 0..steps {
+                let [x, y] = [0, 1].map(|k| (from[k] + along[k] * s / steps).div_euclid(PARTS));
+                if (0..side).contains(&x) && (0..side).contains(&y) {
+                    out.push((y * side + x) as usize);
+                }
+            }
+        }
     }
 
     fn level(&self, scene: &Scene, triangle: usize, area: i64) -> usize {

@@ -22,9 +22,9 @@
 //!         for 0.954), of a camera by 0.003; quads of two-sided materials culled: 0.77 for 0.95 on a car on a cloth; the
 //!         nearest plane instead of the one faced most: +0.003, seams less straight, the house 0.003 worse; leftovers drawn
 //!         by tiles two cells away: +0.002 on the car, -0.004 on the Buddha. Before quads were cut at outlines, 4.3 % of its
-//!         pixels lay outside, each less than a cell off. Quads in the tile's plane itself: silhouettes of nine meshes .004
+//!         pixels lay outside, each less than a cell off. Quads in the tile's plane itself: silhouettes of nine meshes .002
 //!         worse on average at 128 cells, .009 at 32 (a helicopter .649 for .687); moved only so far that nothing is
-//!         farther from a quad than the reach: half of that.
+//!         farther from a quad than the reach: a fifth of that, or less.
 
 mod atlas;
 mod canvas;

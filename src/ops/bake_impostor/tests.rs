@@ -88,17 +88,17 @@ fn a_box_is_six_quads_of_its_colours() {
     let out = bake(&mesh, &tiles, &BakeImpostor::default()).unwrap();
     assert_eq!((out.len(), out.tiles.clone()), (6, vec![0, 1, 2, 3, 4, 5]));
     let w = out.worth;
-    assert!(w.drawn > 0.999 && w.silhouette > 0.85, "{w:?}");
+    assert!(w.drawn > 0.999 && w.silhouette > 0.99, "{w:?}");
     assert_eq!((w.error_m, w.texels_per_cell), (0.5, 2.0));
-    // Each looks outside, and lies half a cell off the wall.
+    // Each looks outside, and lies on the wall, though its plane is half a cell inside.
     for q in 0..6 {
         let [a, b, c] = [0, 1, 2].map(|i| out.corners[4 * q + i]);
         let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
         let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         let axis = q / 2;
         assert!(n[axis] * (q as f64 % 2.0 - 0.5) > 0.0, "quad {q}: {n:?}");
-        let wall = if q % 2 == 0 { 0.25 } else { [8.0, 8.0, 4.0][axis] - 0.25 };
-        assert!((a[axis] - wall).abs() < 1e-3, "quad {q}: {a:?}");
+        let wall = if q % 2 == 0 { 0.0 } else { [8.0, 8.0, 4.0][axis] };
+        assert!((a[axis] - wall).abs() < 1e-6, "quad {q}: {a:?}");
     }
     // What is drawn of a side has its colour, what is bled as well.
     let atlas = Picture::decode(&out.colour).unwrap();
