@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use lodge::run::folder::Wait;
 use lodge::run::store::Store;
 use serde_json::{Value, json};
-use support::{Place, node};
+use support::{Place, interrupt, node};
 
 /// `side` times `side` square buildings of 10 m, 15 m apart.
 fn town(side: usize) -> String {
@@ -387,16 +387,7 @@ fn interrupted(place: &Place, ready: impl Fn(&[Value]) -> bool) -> (Value, Durat
     // In the middle of it.
     std::thread::sleep(Duration::from_millis(300));
     assert!(child.try_wait().unwrap().is_none(), "it is not long enough");
-    let struck = Instant::now();
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    while child.try_wait().unwrap().is_none() {
-        if struck.elapsed() > Duration::from_secs(20) {
-            child.kill().unwrap();
-            panic!("it does not end");
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    let took = struck.elapsed();
+    let (_, took) = interrupt(&mut child);
     let out = child.wait_with_output().unwrap();
     std::fs::remove_file(place.path("e.jsonl")).unwrap();
     assert_eq!(out.status.code(), Some(130), "{out:?}");

@@ -3,12 +3,12 @@
 use std::io::Read;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::process::{Child, Command};
+use std::process::Child;
 use std::time::{Duration, Instant};
 
 use nix::libc;
 
-use super::support::Place;
+use super::support::{Place, interrupt};
 use super::{is_empty, lodge};
 
 /// A surface, and its grid, which is written as 134 million bytes.
@@ -48,20 +48,6 @@ fn until(child: &mut Child, mut ready: impl FnMut() -> bool) -> bool {
     }
 }
 
-/// Ctrl-C once: exit code, and how long that took.
-fn strike(child: &mut Child) -> (Option<i32>, Duration) {
-    let struck = Instant::now();
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    while child.try_wait().unwrap().is_none() {
-        if struck.elapsed() > Duration::from_secs(20) {
-            child.kill().unwrap();
-            panic!("it does not end");
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    (child.wait().unwrap().code(), struck.elapsed())
-}
-
 const SECOND: Duration = Duration::from_secs(1);
 
 #[test]
@@ -75,7 +61,7 @@ fn an_output_that_is_being_made() {
     // It has opened the cache, so it listens.
     assert!(until(&mut child, || !is_empty(&place.path("cache/tmp"))));
     std::thread::sleep(Duration::from_millis(100));
-    let (code, took) = strike(&mut child);
+    let (code, took) = interrupt(&mut child);
     println!("{whole:?} without Ctrl-C, {took:?} after it");
     assert!(code == Some(130) && took < SECOND, "{code:?} {took:?}");
     assert!(is_empty(&place.path("to")) && is_empty(&place.path("cache/tmp")));
@@ -99,7 +85,7 @@ fn a_file_that_is_being_written() {
         let mut child = export(&place, "grid", "to/grid.npy");
         let files = || std::fs::read_dir(place.path("to")).unwrap().count();
         let (code, took) = match until(&mut child, || files() > usize::from(before)) {
-            true => strike(&mut child),
+            true => interrupt(&mut child),
             false => (child.wait().unwrap().code(), Duration::ZERO),
         };
         assert!(took < SECOND, "{took:?}");
@@ -130,6 +116,6 @@ fn a_pipe_that_nobody_reads_any_more() {
     assert!(until(&mut child, || reader.read(&mut [0]).is_ok_and(|n| n == 1)));
     std::thread::sleep(Duration::from_millis(100));
     assert!(child.try_wait().unwrap().is_none());
-    let (code, took) = strike(&mut child);
+    let (code, took) = interrupt(&mut child);
     assert!(code == Some(130) && took < SECOND, "{code:?} {took:?}");
 }

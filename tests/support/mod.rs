@@ -7,7 +7,8 @@ pub mod schema;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
+use std::time::{Duration, Instant};
 
 use lodge::diag::{Findings, Result};
 use lodge::op::{Bench, Inputs, Op, Source};
@@ -216,6 +217,20 @@ op = "write-geojson"
 in.layer = "rings"
 path = "rings.geojson"
 "#;
+
+/// Ctrl-C once: exit code, and how long that took.
+pub fn interrupt(child: &mut Child) -> (Option<i32>, Duration) {
+    let struck = Instant::now();
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    while child.try_wait().unwrap().is_none() {
+        if struck.elapsed() > Duration::from_secs(20) {
+            child.kill().unwrap();
+            panic!("it does not end");
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    (child.wait().unwrap().code(), struck.elapsed())
+}
 
 /// Whether LODGE_LONG asks for the long forms.
 pub fn is_long() -> bool {

@@ -195,7 +195,7 @@ impl Eyes {
             let corners = corners.map(|v| placed[v as usize]);
             let flat = corners.map(|c| c.0);
             let area = raster::doubled_area(&flat);
-            self.points(&flat, area, &mut sides);
+            self.mark_sides(&flat, area, &mut sides);
             let material = paint.material(t);
             // Counter-clockwise from outside is counter-clockwise for the first: y is down there.
             let shows = [area < 0 || material.double_sided, area > 0 || material.double_sided];
@@ -227,7 +227,7 @@ impl Eyes {
     }
 
     /// Pixels along a pointed triangle's sides.
-    fn points(&self, flat: &[[i64; 2]; 3], doubled_area: i64, out: &mut Vec<usize>) {
+    fn mark_sides(&self, flat: &[[i64; 2]; 3], doubled_area: i64, out: &mut Vec<usize>) {
         let sides = [0, 1, 2].map(|i| [0, 1].map(|k| flat[(i + 1) % 3][k] - flat[i][k]));
         let lengths = sides.map(|[x, y]| x.abs().max(y.abs()));
         let longest = lengths.into_iter().max().expect("three sides");
